@@ -115,9 +115,13 @@ impl Access {
         Ok((Identity { name: token.name.clone(), roles: token.roles.clone(), by: Proof::Token }, lease))
     }
 
-    /// The person whose browser shows a cookie, and what a change must carry beside it, at the steady clock's `now` (s).
-    pub fn of_session(&self, id: &str, now: f64) -> Option<(Identity, sessions::Found)> {
-        let found = self.sessions().find(id, now)?;
+    /// The person whose browser shows a cookie, and what a change must carry beside it, at the steady clock's `now` (s); whether it
+    /// counts as used.
+    pub fn of_session(&self, id: &str, now: f64, used: bool) -> Option<(Identity, sessions::Found)> {
+        let found = match used {
+            true => self.sessions().find(id, now)?,
+            false => self.sessions().find_unused(id, now)?,
+        };
         let book = self.book();
         let user = book.user(&found.user).filter(|user| user.stamp() == found.stamp);
         let Some(user) = user else {
@@ -185,18 +189,18 @@ mod tests {
         let user = access.recognise("JW", "right and good").expect("the password");
         let begin = || access.begin(&user, from, 0.0).expect("random bytes");
         let (first, second) = (begin(), begin());
-        let (who, found) = access.of_session(&first.id, 1.0).expect("logged in");
+        let (who, found) = access.of_session(&first.id, 1.0, true).expect("logged in");
         assert_eq!((who.name.as_str(), who.by), ("jw", Proof::Session));
         assert!(found.csrf == first.csrf && first.csrf != second.csrf);
         let mut book = (*access.book()).clone();
         book.change_user("jw", Some(Roles::of(&[Role::Viewer])), None).expect("there");
         access.replace(book.clone());
-        assert!(access.of_session(&first.id, 1.0).is_none());
+        assert!(access.of_session(&first.id, 1.0, true).is_none());
         let user = access.recognise("jw", "right and good").expect("the password");
         let third = access.begin(&user, from, 0.0).expect("random bytes");
         book.remove_user("jw").expect("there");
         access.replace(book);
-        assert!(access.of_session(&third.id, 1.0).is_none());
-        assert!(access.of_session(&second.id, 1.0).is_none());
+        assert!(access.of_session(&third.id, 1.0, true).is_none());
+        assert!(access.of_session(&second.id, 1.0, true).is_none());
     }
 }

@@ -76,14 +76,22 @@ impl Sessions {
 
     /// The session that a cookie names, if it has not ended; it counts as used.
     pub fn find(&mut self, id: &str, now: f64) -> Option<Found> {
+        let found = self.find_unused(id, now)?;
+        if let Some(session) = self.by_digest.get_mut(&digest(id)) {
+            session.used = now;
+        }
+        Some(found)
+    }
+
+    /// The same for what a page asks by itself, while nobody touches it: it does not count as used.
+    pub fn find_unused(&mut self, id: &str, now: f64) -> Option<Found> {
         let key = digest(id);
         let bounds = self.bounds;
-        let session = self.by_digest.get_mut(&key)?;
+        let session = self.by_digest.get(&key)?;
         if !session.lasts(bounds, now) {
             self.by_digest.remove(&key);
             return None;
         }
-        session.used = now;
         Some(Found { user: session.user.clone(), csrf: session.csrf.clone(), stamp: session.stamp })
     }
 
@@ -136,6 +144,7 @@ mod tests {
         let found = sessions.find(&first.id, 100.0).expect("in time");
         assert_eq!((found.user.as_str(), found.csrf.as_str()), ("jw", first.csrf.as_str()));
         assert!(first.csrf != first.id && !first.csrf.is_empty());
+        assert!(sessions.find_unused(&first.id, 150.0).is_some());
         assert!(sessions.find(&first.id, 200.0).is_some(), "used meanwhile");
         assert_eq!(sessions.find(&first.id, 251.0), None, "too old, although used");
         let second = sessions.begin("jw", [1; 32], random(2), 300.0);

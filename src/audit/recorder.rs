@@ -18,6 +18,8 @@ pub struct Recorder {
     path: PathBuf,
     entries: Mutex<Option<SyncSender<Entry>>>,
     failed: Arc<AtomicBool>,
+    /// Somebody waited for an entry in vain, and nothing was written since.
+    late: Arc<AtomicBool>,
     thread: Mutex<Option<JoinHandle<()>>>,
 }
 
@@ -37,10 +39,11 @@ impl Recorder {
         let log = Log::open(path, bounds, &stamp(now))?;
         let (sender, receiver) = sync_channel(QUEUE);
         let failed = Arc::new(AtomicBool::new(false));
-        let flag = Arc::clone(&failed);
-        let thread = std::thread::spawn(move || keep(log, &receiver, &flag));
+        let late = Arc::new(AtomicBool::new(false));
+        let flags = (Arc::clone(&failed), Arc::clone(&late));
+        let thread = std::thread::spawn(move || keep(log, &receiver, &flags.0, &flags.1));
         let path = path.to_path_buf();
-        Ok(Self { path, entries: Mutex::new(Some(sender)), failed, thread: Mutex::new(Some(thread)) })
+        Ok(Self { path, entries: Mutex::new(Some(sender)), failed, late, thread: Mutex::new(Some(thread)) })
     }
 
     /// The log.
@@ -48,9 +51,14 @@ impl Recorder {
         &self.path
     }
 
-    /// False from the first entry on that could not be put on record.
+    /// False from the first entry on that could not be put on record, and while the disk keeps one waiting (see [`Self::is_late`]).
     pub fn works(&self) -> bool {
-        !self.failed.load(Relaxed)
+        !self.failed.load(Relaxed) && !self.late.load(Relaxed)
+    }
+
+    /// Somebody waited for an entry in vain: the log does not work until something is written again.
+    pub fn is_late(&self) {
+        self.late.store(true, Relaxed);
     }
 
     /// Puts an entry in line; false when it cannot be recorded.
@@ -69,6 +77,11 @@ impl Recorder {
         let (sender, receiver) = oneshot::channel();
         self.send(Entry { at: stamp(at), event, fields, done: Some(sender) });
         receiver
+    }
+
+    /// Something that was waited for is on disk.
+    pub fn is_written(&self) {
+        self.late.store(false, Relaxed);
     }
 
     fn send(&self, entry: Entry) -> bool {
@@ -94,7 +107,7 @@ impl Drop for Recorder {
     }
 }
 
-fn keep(mut log: Log, entries: &Receiver<Entry>, failed: &AtomicBool) {
+fn keep(mut log: Log, entries: &Receiver<Entry>, failed: &AtomicBool, late: &AtomicBool) {
     while let Ok(first) = entries.recv() {
         let mut batch = vec![first];
         batch.extend(entries.try_iter().take(BATCH));
@@ -107,6 +120,7 @@ fn keep(mut log: Log, entries: &Receiver<Entry>, failed: &AtomicBool) {
                 return;
             }
         };
+        late.store(false, Relaxed);
         for (entry, line) in batch.into_iter().zip(lines) {
             if let Some(done) = entry.done {
                 // The hash in a log elsewhere is what a forger of the file cannot reach.
@@ -115,6 +129,8 @@ fn keep(mut log: Log, entries: &Receiver<Entry>, failed: &AtomicBool) {
                 let _ = done.send(());
             }
         }
+        // Also for who gave up meanwhile.
+        late.store(false, Relaxed);
     }
 }
 
@@ -139,6 +155,21 @@ fn stamp(t: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[tokio::test]
+    async fn a_log_that_kept_somebody_waiting_works_again_once_something_is_written() {
+        let folder = std::env::temp_dir().join(format!("stictiond-recorder-late-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).expect("the temporary folder is writable");
+        let bounds = Bounds { max_bytes: 1 << 20, keep_files: 1 };
+        let recorder = Recorder::start(&folder.join("audit.log"), bounds, 0.0).expect("opens");
+        assert!(recorder.works());
+        recorder.is_late();
+        assert!(!recorder.works());
+        recorder.follow(1.0, "change", Vec::new()).await.expect("written");
+        assert!(recorder.works());
+        drop(recorder);
+        std::fs::remove_dir_all(&folder).expect("the folder is there");
+    }
 
     #[test]
     fn each_entry_of_a_batch_has_the_number_and_the_hash_of_its_own_line() {

@@ -1,6 +1,7 @@
 //! The door: who asks, whether they may, and that every change is put on record. Nothing gets past it unasked.
 
 use super::Context;
+use super::dto::compact;
 use super::listen::{Gone, Peer};
 use super::policy::{self, Need};
 use super::problem::Problem;
@@ -22,6 +23,10 @@ use tokio_util::sync::CancellationToken;
 pub const COOKIE: &str = "stictiond_session";
 /// The header that a change by cookie must carry.
 pub const CSRF: &str = "x-csrf-token";
+/// The header of what a page asks by itself, while nobody touches it: a session that only such requests use is idle.
+pub const BACKGROUND: &str = "x-stictiond-background";
+/// Longest part of a path and its query that is put on record (characters).
+const MOST_ASKED: usize = 300;
 /// Longest part of a body that is put on record (characters).
 const MOST_RECORDED: usize = 2000;
 /// Longest wait for an entry to be on disk.
@@ -92,14 +97,21 @@ pub async fn guard(State(context): State<Arc<Context>>, mut request: Request, ne
     };
     let from = request.extensions().get::<Peer>().map_or(Ipv4Addr::UNSPECIFIED.into(), |peer| peer.0.ip());
     let gone = request.extensions().get::<Gone>().map(|gone| gone.0.clone()).unwrap_or_default();
-    let actor = match identify(&context, request.headers(), from.to_canonical()) {
+    let is_change = !matches!(*request.method(), Method::GET | Method::HEAD);
+    let by_hand = is_change || !request.headers().contains_key(BACKGROUND);
+    let actor = match identify(&context, request.headers(), from.to_canonical(), by_hand) {
         Ok(actor) => Actor { gone, ..actor },
         Err(problem) => return problem.into_response(),
     };
-    let is_change = !matches!(*request.method(), Method::GET | Method::HEAD);
     if let Err(problem) = decide(need, &actor, is_change, request.headers()) {
-        if is_change && actor.identity.is_some() {
-            let fields = asked(&actor, &request, problem.status());
+        if let Some(identity) = actor.identity.as_ref().filter(|_| is_change)
+            && let Some(left_out) =
+                context.refusals.take(&identity.name, context.clock.elapsed().as_secs_f64())
+        {
+            let mut fields = asked(&actor, &request, problem.status());
+            if left_out > 0 {
+                fields.push(("refused_before", left_out.to_string()));
+            }
             record(&context, "refused", fields).await;
         }
         return problem.into_response();
@@ -120,8 +132,8 @@ fn not_allowed(rules: &[(&str, Need)]) -> Response {
     response
 }
 
-/// Who asks; a token that is no good is refused also where none is needed.
-fn identify(context: &Context, headers: &HeaderMap, from: IpAddr) -> Result<Actor, Problem> {
+/// Who asks; a token that is no good is refused also where none is needed. A session counts as used where it is asked `by_hand`.
+fn identify(context: &Context, headers: &HeaderMap, from: IpAddr, by_hand: bool) -> Result<Actor, Problem> {
     let nobody = Actor {
         identity: None,
         from,
@@ -147,7 +159,8 @@ fn identify(context: &Context, headers: &HeaderMap, from: IpAddr) -> Result<Acto
         return Ok(Actor { identity: Some(identity), lease: Some(lease), ..nobody });
     }
     let now = context.clock.elapsed().as_secs_f64();
-    let session = cookies(headers).find_map(|id| Some((access.of_session(id, now)?, Lease::of_session(id))));
+    let session =
+        cookies(headers).find_map(|id| Some((access.of_session(id, now, by_hand)?, Lease::of_session(id))));
     Ok(match session {
         Some(((identity, found), lease)) => {
             Actor { identity: Some(identity), csrf: Some(found.csrf), lease: Some(lease), ..nobody }
@@ -204,8 +217,9 @@ async fn change(context: Arc<Context>, actor: Actor, request: Request, next: Nex
         Ok(bytes) => bytes,
         Err(problem) => return problem.into_response(),
     };
-    let said: String = String::from_utf8_lossy(&bytes).chars().take(MOST_RECORDED).collect();
+    let said = said(&bytes);
     let request = Request::from_parts(parts, Body::from(bytes));
+    let withdraws = withdraws(&request);
     to_its_end(async move {
         let response = next.run(request).await;
         if !is_session {
@@ -213,7 +227,11 @@ async fn change(context: Arc<Context>, actor: Actor, request: Request, next: Nex
                 result.1 = response.status().as_u16().to_string();
             }
             fields.push(("said", said));
-            record(&context, "change", fields).await;
+            let done = response.status().is_success();
+            if !record(&context, "change", fields).await && done && !withdraws {
+                let detail = "it was done, but is not on record: the audit log cannot be written; the daemon's log says why";
+                return Problem::busy("audit_failed", detail).into_response();
+            }
         }
         response
     })
@@ -237,9 +255,23 @@ async fn to_its_end(work: impl Future<Output = Response> + Send + 'static) -> Re
 fn asked(actor: &Actor, request: &Request, status: StatusCode) -> Vec<(&'static str, String)> {
     let mut fields = actor.fields();
     let asked = request.uri().path_and_query().map_or("", |asked| asked.as_str());
-    fields.push(("asked", format!("{} {asked}", request.method())));
+    fields.push(("asked", format!("{} {}", request.method(), cut(asked, MOST_ASKED))));
     fields.push(("result", status.as_u16().to_string()));
     fields
+}
+
+/// The beginning of a text, and how long the whole is.
+fn cut(text: &str, most: usize) -> String {
+    match text.char_indices().nth(most) {
+        Some((at, _)) => format!("{} ({} characters)", &text[..at], text.chars().count()),
+        None => text.to_string(),
+    }
+}
+
+/// What a body says, for the record: JSON without the blanks and escapes that would make it long.
+fn said(bytes: &[u8]) -> String {
+    let text = compact(bytes).unwrap_or_else(|| String::from_utf8_lossy(bytes).into_owned());
+    cut(&text, MOST_RECORDED)
 }
 
 /// The body, within the time and size that the configuration allows.
@@ -284,23 +316,40 @@ async fn no_longer(context: &Context, actor: Actor, role: Role) {
     }
 }
 
-/// Puts something on record and waits until it is on disk; in the log where there is no record.
-pub async fn record(context: &Context, event: &'static str, fields: Vec<(&'static str, String)>) {
-    match &context.audit {
-        Some(audit) => {
-            let done = audit.follow(context.clock.now(), event, fields);
-            if !matches!(timeout(ON_RECORD, done).await, Ok(Ok(()))) {
-                tracing::error!(event, "not on record in time");
-            }
-        }
-        None => tracing::info!(event, ?fields, "asked for"),
+/// Puts something on record and waits until it is on disk; in the log where there is no record. Whether it is on record.
+pub async fn record(context: &Context, event: &'static str, fields: Vec<(&'static str, String)>) -> bool {
+    let Some(audit) = &context.audit else {
+        tracing::info!(event, ?fields, "asked for");
+        return true;
+    };
+    let mut done = audit.follow(context.clock.now(), event, fields);
+    if matches!(timeout(ON_RECORD, &mut done).await, Ok(Ok(()))) {
+        return true;
     }
+    audit.is_late();
+    // It may have come just now: then nobody else would say that the log works.
+    if done.try_recv().is_ok() {
+        audit.is_written();
+        return true;
+    }
+    tracing::error!(event, "not on record in time");
+    false
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
+
+    #[test]
+    fn blanks_and_escapes_keep_nothing_off_the_record() {
+        let padded = format!("{{{}\"comment\":\"\\u00fcber\"}}", " ".repeat(3000));
+        assert_eq!(said(padded.as_bytes()), "{\"comment\":\"über\"}");
+        assert_eq!(said(b"no json"), "no json");
+        let long = said("ä".repeat(3000).as_bytes());
+        assert!(long.starts_with("ää") && long.ends_with("ä (3000 characters)"), "{long}");
+        assert_eq!(long.chars().filter(|c| *c == 'ä').count(), MOST_RECORDED);
+    }
 
     #[tokio::test]
     async fn a_change_that_was_begun_is_put_on_record_though_nobody_waits_for_it() {

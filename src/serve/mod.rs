@@ -15,6 +15,7 @@ mod picture;
 mod policy;
 mod ports;
 mod problem;
+mod refusals;
 pub mod report;
 mod tls;
 mod words;
@@ -29,6 +30,7 @@ pub use ports::{FleetPort, FleetSeen, Machine};
 pub use ports::{GroupSeen, Health, Overview, PlantwidePort, WorkLine};
 pub use tls::{Config as TlsConfig, Tls, TlsError};
 
+use self::refusals::Refusals;
 use crate::access::{self, Access};
 use crate::audit::Recorder;
 use crate::history::History;
@@ -321,6 +323,7 @@ pub struct Context {
     fleet: Option<Arc<dyn FleetPort>>,
     access: Option<Arc<Access>>,
     audit: Option<Arc<Recorder>>,
+    refusals: Refusals,
     tls: Option<Arc<Tls>>,
     /// Passwords hashed at the same time.
     hashing: Arc<Semaphore>,
@@ -358,6 +361,7 @@ impl Context {
             fleet: None,
             access: None,
             audit: None,
+            refusals: Refusals::default(),
             tls: None,
             hashing: Arc::new(Semaphore::new(HASHING)),
             loopback: OnceLock::new(),

@@ -288,26 +288,24 @@ pub async fn diagnoses(
     .await
 }
 
-/// Runs newest first, `limit` of those after a cursor: a time, and how many runs that ended then were on pages before. Runs
-/// that are made meanwhile move no page.
+/// Runs newest first, `limit` of those after a cursor: the time of the last run of the page before, and which of those that ended
+/// then it is. Runs that are made meanwhile move no page, and a clock that was set back leaves none out.
 fn page_of_runs(
     runs: &[Summary],
     after: Option<(f64, usize)>,
     limit: usize,
 ) -> (Vec<&Summary>, Option<String>) {
-    let (mut ended_then, mut page) = (0, Vec::new());
-    for run in runs.iter().rev() {
-        ended_then += usize::from(after.is_some_and(|(time, _)| run.time == time));
-        if after.is_none_or(|(time, seen)| run.time < time || run.time == time && ended_then > seen) {
-            page.push(run);
-        }
-    }
-    let more = page.len() > limit;
-    page.truncate(limit);
-    let next = page.last().filter(|_| more).map(|last| {
-        let here = page.iter().filter(|run| run.time == last.time).count();
-        let before = after.filter(|(time, _)| *time == last.time).map_or(0, |(_, seen)| seen);
-        format!("{:016x}.{}", last.time.to_bits(), before + here)
+    let newest: Vec<&Summary> = runs.iter().rev().collect();
+    let begin = after.map_or(0, |(time, seen)| {
+        let mut then = (0..newest.len()).filter(|at| newest[*at].time == time);
+        // A run that is no longer remembered was the oldest: what came before it is forgotten as well.
+        seen.checked_sub(1).and_then(|nth| then.nth(nth)).map_or(newest.len(), |at| at + 1)
+    });
+    let end = begin.saturating_add(limit).min(newest.len());
+    let page = newest[begin..end].to_vec();
+    let next = page.last().filter(|_| end < newest.len()).map(|last| {
+        let seen = newest[..end].iter().filter(|run| run.time == last.time).count();
+        format!("{:016x}.{seen}", last.time.to_bits())
     });
     (page, next)
 }
@@ -414,17 +412,22 @@ mod tests {
             delta_aic: None,
             compensated: None,
         };
-        let runs: Vec<Summary> = [1.0, 2.0, 2.0, 2.0, 3.0, 3.0].map(at).into();
-        for limit in 1..7 {
-            let (mut joined, mut after) = (Vec::new(), None);
-            loop {
-                let (page, next) = page_of_runs(&runs, after, limit);
-                assert!(page.len() <= limit && (next.is_none() || page.len() == limit));
-                joined.extend(page.iter().map(|run| run.time));
-                let Some(next) = next else { break };
-                after = Some(decode_run_cursor(&next).expect("a cursor"));
+        // In the second the clock was set back.
+        for times in [[1.0, 2.0, 2.0, 2.0, 3.0, 3.0], [12.0, 12.5, 11.75, 12.25, 12.0, 12.5]] {
+            let runs: Vec<Summary> = times.map(at).into();
+            let mut newest = times;
+            newest.reverse();
+            for limit in 1..7 {
+                let (mut joined, mut after) = (Vec::new(), None);
+                loop {
+                    let (page, next) = page_of_runs(&runs, after, limit);
+                    assert!(page.len() <= limit && (next.is_none() || page.len() == limit));
+                    joined.extend(page.iter().map(|run| run.time));
+                    let Some(next) = next else { break };
+                    after = Some(decode_run_cursor(&next).expect("a cursor"));
+                }
+                assert_eq!(joined, newest, "{limit}");
             }
-            assert_eq!(joined, [3.0, 3.0, 2.0, 2.0, 2.0, 1.0], "{limit}");
         }
         for wrong in ["", "1", "x.1", "3ff0000000000000.-1"] {
             assert!(decode_run_cursor(wrong).is_err(), "{wrong}");

@@ -35,6 +35,11 @@ pub fn finite(value: f64) -> Option<f64> {
     value.is_finite().then_some(value + 0.0)
 }
 
+/// JSON without the blanks and escapes that would make it long; `None` for what is none.
+pub fn compact(json: &[u8]) -> Option<String> {
+    serde_json::from_slice::<serde_json::Value>(json).ok().map(|value| value.to_string())
+}
+
 /// How old something is at `now` (s); 0 for what a clock that was set back has put into the future.
 pub fn age(now: f64, at: f64) -> Option<f64> {
     finite((now - at).max(0.0)).filter(|_| at.is_finite())

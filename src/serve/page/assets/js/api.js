@@ -2,8 +2,14 @@
 
 const API = "/api/v1";
 
+/** So long after the last touch of the page it asks by itself, and its session counts as idle (ms). */
+const ALONE_MS = 60000;
+let touched = Date.now();
+for (const kind of ["pointerdown", "keydown", "wheel"]) addEventListener(kind, () => (touched = Date.now()), { passive: true, capture: true });
+
 export async function get(path, signal) {
-  return answered(await reached(fetch(API + path, { signal })));
+  const headers = Date.now() - touched > ALONE_MS ? { "x-stictiond-background": "1" } : {};
+  return answered(await reached(fetch(API + path, { signal, headers })));
 }
 
 /** A list in one piece: its pages, one after the other. */

@@ -73,7 +73,10 @@ export function loopView(main, [id]) {
   function drawBanner(detail, report, said) {
     const kind = kindOf(detail), state = detail.alarm;
     banner.dataset.kind = kind.key;
-    const f = report && report.verdict !== "not_identifiable" ? ` · f = ${friction(report)} · ${report.posterior === null ? `evidence ${short(report.delta_aic, 3)}` : `probability of friction ${percent(report.posterior)}`}` : "";
+    // Friction may be likely and its f still be too small to matter, or 0 within its interval: beside f = 0 that would read as a contradiction.
+    const likely = report && (report.verdict === "stiction" || report.posterior <= 0.5);
+    const odds = !report ? "" : report.posterior === null ? ` · evidence ${short(report.delta_aic, 3)}` : likely ? ` · probability of friction ${percent(report.posterior)}` : "";
+    const f = report && report.verdict !== "not_identifiable" ? ` · f = ${friction(report)}${odds}` : "";
     const acts = [mayAck(state) && button("Acknowledge", () => acted(acknowledge), true), isShelved(state) ? button("Unshelve", () => acted(unshelve)) : mayShelve(state) && button("Shelve …", () => acted(shelve)),
       button("Diagnose now", run), h("a", { class: "button", href: href(`${loopPath(id)}/report.html`), target: "_blank", rel: "noopener" }, "Report")];
     diagnosed = report?.time ?? null;
