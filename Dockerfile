@@ -16,6 +16,8 @@ RUN touch src/main.rs src/lib.rs src/numerics.rs && cargo build --release --lock
 
 FROM debian:bookworm-slim
 COPY --from=build /src/target/release/stictiond /usr/local/bin/stictiond
+# Whom the system trusts: the slim image has nobody.
+COPY --from=build /etc/ssl/certs/ca-certificates.crt /etc/ssl/certs/ca-certificates.crt
 COPY LICENSE-MIT LICENSE-APACHE /usr/share/doc/stictiond/
 USER 65532:65532
 ENTRYPOINT ["/usr/local/bin/stictiond"]

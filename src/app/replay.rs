@@ -215,6 +215,11 @@ async fn export(file: &Path, config: &Config, options: &Options, say: Say<'_>) -
             file.display()
         )));
     };
+    let nothing = |what: &str| Err(ReplayError::Input(format!("{}: {what}", file.display())));
+    let turned = options.from.zip(options.to).is_some_and(|(from, to)| from > to);
+    if turned || options.to.is_some_and(|to| to < first) {
+        return nothing("it has nothing in the time that --from and --to-time name");
+    }
     let room = config.history.samples_per_tag;
     let mut machine = Machine::of(config, room, Clock::by_hand(first), options)?;
     machine.begin(options, say).await?;
@@ -236,6 +241,9 @@ async fn export(file: &Path, config: &Config, options: &Options, say: Say<'_>) -
         }
     }
     machine.end(options, say).await?;
+    if tally.runs == 0 {
+        return nothing("no diagnosis is due in it in the time that is asked for");
+    }
     Ok(tally)
 }
 

@@ -71,25 +71,28 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let judges = counted.map(|((name, title), (tally, ms))| BenchmarkJudge::new(name, title, tally, ms));
     let judges = judges.collect();
     let found = BenchmarkReport { folder: args.folder.display().to_string(), judges, records };
-    if let Some(to) = &args.html {
-        fs::write(to, of_benchmark(&found)).map_err(|error| Failure::in_file(to, &error))?;
-    }
     match args.format.unwrap_or_else(Format::usual) {
-        Format::Text => print(&page(&found)),
+        Format::Text => print(&page(&found))?,
         Format::Json => {
             let mut json = serde_json::to_string_pretty(&found)
                 .map_err(|error| Failure::Failed(format!("cannot write the benchmark: {error}")))?;
             json.push('\n');
-            print(&json)
+            print(&json)?;
         }
     }
+    if let Some(to) = &args.html {
+        fs::write(to, of_benchmark(&found))
+            .map_err(|error| Failure::Failed(format!("{}: {error}", to.display())))?;
+    }
+    Ok(())
 }
 
 /// The records that the folder's index.csv names.
 fn index(folder: &Path) -> Result<Vec<Listed>, Failure> {
     let path = folder.join("index.csv");
     let text = fs::read_to_string(&path).map_err(|error| Failure::in_file(&path, error))?;
-    let mut lines = text.lines();
+    // A spreadsheet writes a mark of UTF-8 before it.
+    let mut lines = text.strip_prefix('\u{feff}').unwrap_or(&text).lines();
     let head: Vec<&str> = lines.next().unwrap_or_default().split(',').map(str::trim).collect();
     let column = |name: &str| head.iter().position(|own| *own == name);
     let needed = |name: &str| {

@@ -57,21 +57,31 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let stem = args.file.file_stem().unwrap_or(args.file.as_os_str()).to_string_lossy();
     let name = args.of_loop.as_deref().unwrap_or(&stem);
     let findings = trace_record(&record, &diagnosis, &settings, &residual::Settings::default());
-    if let Some(to) = &args.plot {
-        let nothing = "nothing to draw: the record does not hold a window that can be fitted";
-        let found = findings.as_ref().ok_or_else(|| Failure::in_file(to, nothing))?;
-        fs::write(to, plot::picture(name, found)).map_err(|error| Failure::in_file(to, &error))?;
-    }
+    let drawn = args.plot.as_ref().map(|to| (to, findings.as_ref().map(|found| plot::picture(name, found))));
     let judged = Judged { findings, ..diagnosis.into() }.with_opinions(told_by_name(name));
     let mut report = Report::judged(name, (record.op_span, record.op_span_source), &judged);
     report.read_as = Some(read.read_as);
     match args.format.unwrap_or_else(Format::usual) {
-        Format::Text => print(&text::page(&report)),
+        Format::Text => print(&text::page(&report))?,
         Format::Json => {
             let mut json = serde_json::to_string_pretty(&report)
                 .map_err(|error| Failure::Failed(format!("cannot write the report: {error}")))?;
             json.push('\n');
-            print(&json)
+            print(&json)?;
+        }
+    }
+    // The report comes first: a picture that cannot be made takes nothing away from it.
+    match drawn {
+        None => Ok(()),
+        Some((to, Some(svg))) => {
+            fs::write(to, svg).map_err(|error| Failure::Failed(format!("{}: {error}", to.display())))
+        }
+        Some((to, None)) => {
+            eprintln!(
+                "stictiond: {}: nothing to draw: the record does not hold a window that can be fitted",
+                to.display()
+            );
+            Ok(())
         }
     }
 }

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use stictiond::collect::stub::{self, Tag, quoted};
 use stictiond::collect::table::{self, Options, Source, TextRow};
 use stictiond::config;
+use stictiond::signal::Role;
 
 /// Rows that are read, at most.
 const MAX_ROWS: usize = 200_000;
@@ -192,12 +193,23 @@ impl List {
                 let own = |name: &str| match name {
                     "role" => Some(role.as_str()),
                     name if name == place => cell(role),
-                    name => cell(&format!("{role}.{name}")).or_else(|| cell(name)),
+                    name => {
+                        cell(&format!("{role}.{name}")).or_else(|| cell(name).filter(|_| of_row(name, role)))
+                    }
                 };
                 tags.push(tag(&own, device).map_err(|why| wrong(format!("{role}: {why}")))?);
             }
         }
         Ok(tags)
+    }
+}
+
+/// Whether a key of a loop's row is meant for one of its tags: its unit is that of what is controlled, and a mode has no scale.
+fn of_row(key: &str, role: &str) -> bool {
+    match key {
+        "unit" => matches!(stub::role(role), Some(Role::Pv | Role::Sp)),
+        "scale" | "offset" => stub::role(role) != Some(Role::Mode),
+        _ => true,
     }
 }
 

@@ -18,7 +18,10 @@ impl Config {
     /// Why `run` could not write its audit logs, so that it would not start.
     pub fn unwritable(&self) -> Vec<String> {
         let changes = self.audit.as_ref().map(|own| ("[audit] file", &own.file));
-        let terms = self.writeback.audit_file.as_ref().map(|file| ("[writeback] audit_file", file));
+        // Without a loop that is enabled nothing is written there.
+        let writes = self.loops.iter().any(|own| own.writeback.as_ref().is_some_and(|own| own.enabled));
+        let terms = self.writeback.audit_file.as_ref().filter(|_| writes);
+        let terms = terms.map(|file| ("[writeback] audit_file", file));
         let told = |(key, file): (&str, &PathBuf)| {
             let why = match file.parent().filter(|folder| *folder != Path::new("")) {
                 _ if file.is_dir() => "is a folder: name the file in it",

@@ -313,7 +313,10 @@ pub fn command(options: &Options, config_to: Option<&Path>) -> Result<(), DemoEr
         let demo = Demo::build(options).await?;
         if let Some(path) = config_to {
             let text = demo.config().replace(&demo.address().to_string(), "127.0.0.1:0");
-            std::fs::write(path, text).map_err(DemoError::io("cannot write the configuration"))?;
+            let file = std::fs::OpenOptions::new().write(true).create_new(true).open(path);
+            file.and_then(|mut file| std::io::Write::write_all(&mut file, text.as_bytes())).map_err(
+                DemoError::io("cannot write the configuration (a file that is there is not overwritten)"),
+            )?;
         }
         let stop = demo.stop();
         let mut terminate = tokio::signal::unix::signal(tokio::signal::unix::SignalKind::terminate())

@@ -273,7 +273,7 @@ impl LoopConfig {
         wrong
     }
 
-    fn numbers(&self) -> [(&'static str, f64, f64, f64); 24] {
+    fn numbers(&self) -> [(&'static str, f64, f64, f64); 25] {
         let ms = |value: u64| value as f64;
         let day = 86_400.0;
         [
@@ -301,6 +301,7 @@ impl LoopConfig {
             ("ise_gain", self.ise_gain, 1.01, 1e6),
             ("ise_limit", self.ise_limit, 1.0, 1e6),
             ("travel_limit", self.travel_limit, 1.0, 1e6),
+            ("reversal_band_percent", self.reversal_band_percent, 0.0, 20.0),
         ]
     }
 

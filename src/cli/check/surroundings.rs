@@ -79,8 +79,13 @@ pub fn remarks(config: &Config) -> Vec<String> {
         (!is_set)
             .then(|| format!("{whose}: {key} = {name:?} is not set here; it must be where stictiond starts"))
     };
-    let store = config.store.as_ref().filter(|own| own.folder.is_dir()).and_then(|own| {
-        let error = try_to_make(&own.folder).err()?;
+    let store = config.store.as_ref().and_then(|own| {
+        // It is made where it is not there: then the nearest folder above it counts.
+        let here =
+            |path: &'_ Path| if path.as_os_str().is_empty() { PathBuf::from(".") } else { path.into() };
+        let there =
+            own.folder.ancestors().map(here).find(|path| path.exists()).filter(|path| path.is_dir())?;
+        let error = try_to_make(&there).err()?;
         let (folder, why) = (own.folder.display().to_string(), without_number(&error.to_string()));
         Some(format!("[store] folder = {folder:?} cannot be written by the user that runs check: {why}"))
     });
