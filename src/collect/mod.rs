@@ -11,6 +11,8 @@ pub mod stub;
 pub mod table;
 
 mod backoff;
+#[cfg(test)]
+mod black_hole;
 mod device;
 mod frozen;
 mod health;

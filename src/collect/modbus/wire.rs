@@ -148,24 +148,17 @@ impl AsyncWrite for Asked {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::collect::black_hole::BlackHole;
     use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
     use tokio::net::TcpListener;
 
     #[tokio::test]
     async fn an_address_that_never_answers_leaves_time_for_the_next() {
-        // Nobody takes its connections, and no more than these wait: the next one is not answered.
-        let socket = TcpSocket::new_v4().unwrap();
-        socket.bind("127.0.0.1:0".parse().unwrap()).unwrap();
-        let full = socket.listen(1).unwrap();
-        let black_hole = full.local_addr().unwrap();
-        let mut waiting = Vec::new();
-        while let Ok(Ok(stream)) = timeout(Duration::from_millis(200), TcpStream::connect(black_hole)).await {
-            waiting.push(stream);
-            assert!(waiting.len() < 100, "it takes them all");
-        }
+        let black_hole = BlackHole::open().await;
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let alive = listener.local_addr().unwrap();
-        let dialled = timeout(Duration::from_millis(900), first(VecDeque::from([black_hole, alive]))).await;
+        let dialled =
+            timeout(Duration::from_millis(900), first(VecDeque::from([black_hole.address, alive]))).await;
         assert_eq!(dialled.expect("in time").unwrap().peer_addr().unwrap(), alive);
         // One that refuses leaves it at once, and is named where there is no other.
         drop(listener);

@@ -104,21 +104,13 @@ async fn first(addresses: &[SocketAddr], limit: Duration) -> io::Result<TcpStrea
 #[cfg(test)]
 mod tests {
     use super::*;
-    use tokio::net::{TcpListener, TcpSocket};
+    use crate::collect::black_hole::BlackHole;
+    use tokio::net::TcpListener;
 
     #[tokio::test]
     async fn an_address_that_never_answers_leaves_time_for_the_next() {
-        // Nobody takes its connections, and no more than these wait: the next one is not answered.
-        let socket = TcpSocket::new_v4().unwrap();
-        socket.bind("127.0.0.1:0".parse().unwrap()).unwrap();
-        let full = socket.listen(1).unwrap();
-        let black_hole = full.local_addr().unwrap();
-        let mut waiting = Vec::new();
-        let brief = Duration::from_millis(200);
-        while let Ok(Ok(stream)) = timeout(brief, TcpStream::connect(black_hole)).await {
-            waiting.push(stream);
-            assert!(waiting.len() < 100, "it takes them all");
-        }
+        let hole = BlackHole::open().await;
+        let black_hole = hole.address;
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let alive = listener.local_addr().unwrap();
         let limit = Duration::from_millis(1500);
