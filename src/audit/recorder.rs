@@ -51,13 +51,13 @@ impl Recorder {
         &self.path
     }
 
-    /// False from the first entry on that could not be put on record, and while the disk keeps one waiting (see [`Self::is_late`]).
+    /// False from the first entry on that could not be put on record, and while the disk keeps one waiting (see [`Self::note_late`]).
     pub fn works(&self) -> bool {
         !self.failed.load(Relaxed) && !self.late.load(Relaxed)
     }
 
     /// Somebody waited for an entry in vain: the log does not work until something is written again.
-    pub fn is_late(&self) {
+    pub fn note_late(&self) {
         self.late.store(true, Relaxed);
     }
 
@@ -80,7 +80,7 @@ impl Recorder {
     }
 
     /// Something that was waited for is on disk.
-    pub fn is_written(&self) {
+    pub fn note_written(&self) {
         self.late.store(false, Relaxed);
     }
 
@@ -163,7 +163,7 @@ mod tests {
         let bounds = Bounds { max_bytes: 1 << 20, keep_files: 1 };
         let recorder = Recorder::start(&folder.join("audit.log"), bounds, 0.0).expect("opens");
         assert!(recorder.works());
-        recorder.is_late();
+        recorder.note_late();
         assert!(!recorder.works());
         recorder.follow(1.0, "change", Vec::new()).await.expect("written");
         assert!(recorder.works());

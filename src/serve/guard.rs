@@ -326,10 +326,10 @@ pub async fn record(context: &Context, event: &'static str, fields: Vec<(&'stati
     if matches!(timeout(ON_RECORD, &mut done).await, Ok(Ok(()))) {
         return true;
     }
-    audit.is_late();
+    audit.note_late();
     // It may have come just now: then nobody else would say that the log works.
     if done.try_recv().is_ok() {
-        audit.is_written();
+        audit.note_written();
         return true;
     }
     tracing::error!(event, "not on record in time");
