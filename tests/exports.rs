@@ -17,10 +17,14 @@ mod forms;
 mod halves;
 #[path = "exports/joined.rs"]
 mod joined;
+#[path = "exports/loops.rs"]
+mod loops;
 #[path = "exports/lost.rs"]
 mod lost;
 #[path = "exports/makers.rs"]
 mod makers;
+#[path = "exports/modes.rs"]
+mod modes;
 #[path = "exports/pairs.rs"]
 mod pairs;
 #[path = "exports/plants.rs"]
@@ -31,6 +35,8 @@ mod quality;
 mod random;
 #[path = "exports/shared.rs"]
 mod shared;
+#[path = "exports/stated.rs"]
+mod stated;
 #[path = "exports/told.rs"]
 mod told;
 #[path = "exports/unlisted.rs"]

@@ -152,3 +152,183 @@ fn other_names_and_words_of_quality_are_known_too() {
     let nowhere = of_bytes(&codes, &told("129")).expect_err("no such value");
     assert!(nowhere.contains("none of \"129\" is there") && nowhere.contains("128"), "{nowhere}");
 }
+
+/// Whether the OP of row k is bad, where it has a quality of its own.
+fn is_op_bad(k: usize) -> bool {
+    k % 5 == 2
+}
+
+/// The example with a quality for OP and one for PV; `row` puts time, OP, PV and what is said of each into a line.
+fn of_each(header: &str, words: [&str; 2], row: impl Fn(f64, f64, f64, [&str; 2]) -> String) -> Vec<u8> {
+    let example = example();
+    let rows = example.op.iter().zip(&example.pv).enumerate().map(|(k, (op, pv))| {
+        let said = [is_op_bad(k), is_bad(k)].map(|bad| words[usize::from(bad)]);
+        row(BEGIN as f64 + op.t, op.value, pv.value, said) + "\n"
+    });
+    (header.to_string() + "\n" + &rows.collect::<String>()).into_bytes()
+}
+
+/// Checks that exactly the values that are said to be bad are; what was read.
+fn assert_each(name: &str, table: &[u8]) -> String {
+    let table = of_bytes(table, &Options::default()).unwrap_or_else(|error| panic!("{name}: {error}"));
+    let Record { op, pv, .. } = &table.record;
+    for (k, (op, pv)) in op.iter().zip(pv).enumerate() {
+        assert_eq!(op.quality.is_good(), !is_op_bad(k), "{name}: OP of row {k}: {}", table.found.read_as);
+        assert_eq!(pv.quality.is_good(), !is_bad(k), "{name}: PV of row {k}: {}", table.found.read_as);
+    }
+    assert_eq!(bits(&table.record), bits(&example()), "{name}");
+    table.found.read_as
+}
+
+/// Why a table is refused; it has these words.
+fn assert_refused(name: &str, table: &[u8], by: &str) {
+    let said = of_bytes(table, &Options::default()).map(|table| table.found.read_as);
+    let said = said.map_or_else(|said| said, |read| panic!("{name}: {read}"));
+    assert!(said.contains(by), "{name}: {said}");
+}
+
+#[test]
+fn a_quality_at_the_end_belongs_to_the_value_in_its_name_or_in_its_place() {
+    let at_end =
+        |t: f64, op: f64, pv: f64, [of_op, of_pv]: [&str; 2]| format!("{t},{op},{pv},{of_op},{of_pv}");
+    for (names, words) in [
+        ("Q_OP,Q_PV", ["Good", "Bad"]),
+        ("Quality_OP,Quality_PV", ["Good", "Bad"]),
+        ("Quality_OP,Quality_PV", ["192", "0"]),
+        ("Quality (OP),Quality (PV)", ["Good", "Bad"]),
+        ("Quality,Quality.1", ["Good", "Bad"]),
+        ("Quality,Quality", ["192", "24"]),
+        ("Q1,Q2", ["Good", "Bad"]),
+        ("OPQ,PVQ", ["Good", "Bad"]),
+        ("State OP,State PV", ["Good", "Bad"]),
+        ("op_is_bad,pv_is_bad", ["0", "1"]),
+        ("Bad_OP,Bad_PV", ["0", "1"]),
+        ("Fault_OP,Fault_PV", ["False", "True"]),
+        ("Valid_OP,Valid_PV", ["True", "False"]),
+        ("OP Bad Quality,PV Bad Quality", ["FALSE", "TRUE"]),
+        ("Qualité OP,Qualité PV", ["Bonne", "Mauvaise"]),
+        ("OP Quality,PV Quality", ["0xC0", "0x18"]),
+        ("OP StatusCode,PV StatusCode", ["0x00000000", "0x808C0000"]),
+    ] {
+        let said = assert_each(names, &of_each(&format!("Time,OP,PV,{names}"), words, at_end));
+        // What says how good a value is is nothing else.
+        assert!(!said.contains("not used") && !said.contains("other tags"), "{names}: {said}");
+    }
+    for header in [
+        "Time,FIC101.OP,FIC101.PV,Status FIC101.OP,Status FIC101.PV",
+        "Time,FIC101.OP,FIC101.PV,Quality (FIC101.OP),Quality (FIC101.PV)",
+        "Fecha,Salida,PV,Calidad Salida,Calidad PV",
+    ] {
+        assert_each(header, &of_each(header, ["Good", "Bad"], at_end));
+    }
+    let three = |t: f64, op: f64, pv: f64, [of_op, of_pv]: [&str; 2]| {
+        format!("{t},{op},{pv},{pv},{of_op},{of_pv},{}", of_pv.replace("Bad", "Good"))
+    };
+    for names in ["Quality,Quality,Quality", "Q_OP,Q_PV,Q_SP"] {
+        assert_each(names, &of_each(&format!("Time,OP,PV,SP,{names}"), ["Good", "Bad"], three));
+    }
+    let behind =
+        |t: f64, op: f64, pv: f64, [of_op, of_pv]: [&str; 2]| format!("{t},{op},{of_op},{pv},{of_pv}");
+    for header in [
+        "Time,FIC101.OP,FIC101.OP [Quality],FIC101.PV,FIC101.PV [Quality]",
+        "Time,FIC101.OP (Value),FIC101.OP (Status),FIC101.PV (Value),FIC101.PV (Status)",
+    ] {
+        let said = assert_each(header, &of_each(header, ["Good", "Bad"], behind));
+        assert!(!said.contains("[Value]"), "{said}");
+    }
+}
+
+#[test]
+fn one_column_with_the_name_of_a_value_says_nothing_of_the_others() {
+    let own = |t: f64, op: f64, pv: f64, said: &str| format!("{t},{op},{pv},{said}\n");
+    for (name, words, of_row) in [
+        ("Q_PV", ["Good", "Bad"], false),
+        ("Bad_PV", ["0", "1"], false),
+        ("BADPV", ["0", "1"], false),
+        ("pv_bad_quality", ["0", "1"], false),
+        ("Bad_Quality", ["0", "1"], true),
+        ("IOBad", ["False", "True"], true),
+    ] {
+        let header = format!("Time,OP,PV,{name}\n");
+        assert_left_out(name, of_bytes(&spoilt(&header, words, own), &Options::default()), of_row);
+    }
+}
+
+#[test]
+fn a_quality_of_which_two_values_may_be_meant_is_asked_about() {
+    let whose = "of which value nobody knows";
+    let with_sp =
+        |t: f64, op: f64, pv: f64, [of_op, of_pv]: [&str; 2]| format!("{t},{op},{pv},{pv},{of_op},{of_pv}");
+    for words in [["Good", "Bad"], ["1", "0"]] {
+        let table = of_each("Time,OP,PV,SP,Quality,Quality", words, with_sp);
+        assert_refused("two behind three", &table, whose);
+    }
+    let in_turn =
+        |t: f64, op: f64, pv: f64, [of_op, of_pv]: [&str; 2]| format!("{t},{op},{pv},{of_op},5,{of_pv}");
+    assert_refused("behind two", &of_each("Time,OP,PV,State,TI5,State", ["Good", "Bad"], in_turn), whose);
+    let alike = |t: f64, op: f64, pv: f64, _: [&str; 2]| format!("{t},{op},{pv},{pv},Good,Good");
+    let table = of_each("Time,OP,PV,SP,Quality,Quality", ["", ""], alike);
+    assert!(of_bytes(&table, &Options::default()).is_ok(), "where all is good it does not matter");
+}
+
+#[test]
+fn the_quality_of_one_value_answers_no_question_about_another() {
+    for (header, of_op, of_pv) in [
+        ("Time,OP,State,PV,State", ["Good", "Bad"], ["OK", "FAIL"]),
+        ("Time,OP,OP_ok,PV,PV_state", ["TRUE", "FALSE"], ["OK", "FAIL"]),
+        ("Time,FIC101.OUT,,FIC101.PV,", ["G", "G"], ["G", "E"]),
+    ] {
+        let row = |t: f64, op: f64, pv: f64, bad: [&str; 2]| {
+            let [op_said, pv_said] = bad.map(|bad| usize::from(!bad.is_empty()));
+            format!("{t},{op},{},{pv},{}", of_op[op_said], of_pv[pv_said])
+        };
+        let table = of_each(header, ["", "bad"], row);
+        assert_refused(header, &table, "may say which values are good");
+        assert_refused(header, &table, "column 5");
+    }
+    // 128 is good on a fieldbus, and OPC DA does not know it.
+    let own = |t: f64, op: f64, pv: f64, said: &str| format!("{t},{op},{pv},{said}\n");
+    assert_refused("128", &spoilt("Time,OP,PV,Status\n", ["192", "128"], own), "--good-values");
+}
+
+#[test]
+fn letters_and_words_say_how_good_the_value_before_them_is() {
+    let columns = |t: f64, op: f64, pv: f64, [of_op, of_pv]: [&str; 2]| {
+        format!("{t},{op},{},{pv},{of_pv}", of_op.replace(['P', 'F'], "B"))
+    };
+    for header in ["Time,FIC101.OUT,,FIC101.PV,", "Time,FIC101.OUT,Q,FIC101.PV,Q"] {
+        for bad in ["B", "P", "F", "U"] {
+            assert_each(header, &of_each(header, ["G", bad], columns));
+        }
+    }
+    let cells =
+        |t: f64, op: f64, pv: f64, [of_op, of_pv]: [&str; 2]| format!("{t},{op} {of_op},{pv} {of_pv}");
+    for words in [["G", "B"], ["Good", "Bad"], ["", "Bad"], ["%", "% Bad"]] {
+        let said = assert_each(words[1], &of_each("Time,OP,PV", words, cells));
+        assert!(said.contains("not good by the words behind OP, the words behind PV"), "{said}");
+        assert_eq!(said.contains(" [%]"), words[0] == "%", "{said}");
+        assert!(!said.contains(" [G"), "{said}");
+    }
+    // A balance counts in grams.
+    let grams = |t: f64, op: f64, pv: f64, _: [&str; 2]| format!("{t},{op},{pv} g");
+    let table = of_bytes(&of_each("Time,OP,PV", ["", ""], grams), &Options::default()).expect("grams");
+    assert!(table.found.read_as.contains("pv from \"PV\" [g]"), "{}", table.found.read_as);
+}
+
+#[test]
+fn the_least_and_the_greatest_of_many_values_are_not_taken_for_op_and_pv() {
+    let own = |t: f64, op: f64, pv: f64, _: [&str; 2]| format!("{t},{op},{pv}");
+    for header in
+        ["Time,OP (Min),PV (Min)", "Time,FIC101.OP [Maximum],FIC101.PV [Maximum]", "Time,OP (StdDev),PV"]
+    {
+        assert_refused(header, &of_each(header, ["", ""], own), "no column op");
+    }
+}
+
+#[test]
+fn the_quality_of_a_loop_is_that_of_its_values_and_of_no_other_loop() {
+    let row = |t: f64, op: f64, pv: f64, said: &str| format!("{t},{op},{pv},{said},1,2,Bad\n");
+    let header = "Time,FIC101.OP,FIC101.PV,FIC101.Quality,FIC102.OP,FIC102.PV,FIC102.Quality\n";
+    let told = Options { of_loop: Some("FIC101".into()), ..Options::default() };
+    assert_left_out(header, of_bytes(&spoilt(header, ["Good", "Bad"], row), &told), true);
+}

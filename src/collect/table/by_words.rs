@@ -5,17 +5,17 @@ use super::error::{TableError, listed};
 use super::names::{Name, controller};
 use crate::signal::Role;
 
-/// Makes that channel the mode which is nothing else, speaks of a mode, and belongs to the loop of OP by its name, unless there is a
-/// mode already. `rows` are those of a table with a column for each tag, of which a mode has most.
+/// Makes that one of these channels the mode which is nothing else, speaks of a mode, and belongs to the loop of OP by its name,
+/// unless there is a mode already. `rows` are those of a table with a column for each tag, of which a mode has most.
 ///
 /// # Errors
 /// Several such channels.
-pub fn find_mode(channels: &mut [Channel], rows: Option<u64>) -> Result<(), TableError> {
-    let has = |role: Role| channels.iter().find(|own| own.role == Some(role));
+pub fn find_mode(channels: &mut [Channel], of_loop: &[usize], rows: Option<u64>) -> Result<(), TableError> {
+    let has = |role: Role| of_loop.iter().map(|at| &channels[*at]).find(|own| own.role == Some(role));
     let (Some(op), None) = (has(Role::Op), has(Role::Mode)) else { return Ok(()) };
     let loop_name = Name::new(&op.tag.name).said().map(|said| said.owner).unwrap_or_default();
     let owner = op.tag.owner.clone();
-    let speaks = |own: &&Channel| {
+    let speaks = |own: &Channel| {
         let name = Name::new(&own.tag.name);
         own.role.is_none()
             && own.numbers == 0
@@ -25,7 +25,8 @@ pub fn find_mode(channels: &mut [Channel], rows: Option<u64>) -> Result<(), Tabl
             && is_of_loop(&name, &loop_name)
             && own.texts.speak_of_mode()
     };
-    let found: Vec<&Channel> = channels.iter().filter(speaks).collect();
+    let places: Vec<usize> = of_loop.iter().copied().filter(|at| speaks(&channels[*at])).collect();
+    let found: Vec<&Channel> = places.iter().map(|at| &channels[*at]).collect();
     // Several that are always automatic leave nothing to decide.
     if found.len() > 1 && !found.iter().any(|own| own.texts.say_manual()) {
         return Ok(());
@@ -38,7 +39,8 @@ pub fn find_mode(channels: &mut [Channel], rows: Option<u64>) -> Result<(), Tabl
             second.texts.listed()
         )));
     }
-    if let Some(own) = channels.iter_mut().find(|own| speaks(&&**own)) {
+    if let Some(at) = places.first() {
+        let own = &mut channels[*at];
         own.role = Some(Role::Mode);
         own.words = Some(std::mem::take(&mut own.texts));
     }
@@ -46,7 +48,7 @@ pub fn find_mode(channels: &mut [Channel], rows: Option<u64>) -> Result<(), Tabl
 }
 
 /// Whether a name may belong to a loop: it has no number and no path of its own, or the tag of the loop. `A/M` is no path.
-fn is_of_loop(name: &Name, loop_name: &str) -> bool {
+pub fn is_of_loop(name: &Name, loop_name: &str) -> bool {
     let plain = name.plain();
     let tag = controller(loop_name);
     let begins =

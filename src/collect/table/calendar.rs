@@ -37,6 +37,70 @@ const WEEKDAYS: [&str; 37] = [
     "thur", "lun", "mer", "jeu", "ven", "sam", "dim", "mié", "jue", "vie", "sáb", "dom", "ma", "wo", "пн",
     "вт", "ср", "чт", "пт", "сб", "вс", "za",
 ];
+/// Their whole names, but for those that end as in the languages of Germany, England and Scandinavia: French, Spanish, Italian,
+/// Portuguese, Russian, Polish, Czech, Finnish.
+const WHOLE_WEEKDAYS: [&str; 55] = [
+    "mittwoch",
+    "sonnabend",
+    "lundi",
+    "mardi",
+    "mercredi",
+    "jeudi",
+    "vendredi",
+    "samedi",
+    "dimanche",
+    "lunes",
+    "martes",
+    "miércoles",
+    "miercoles",
+    "jueves",
+    "viernes",
+    "sábado",
+    "sabado",
+    "domingo",
+    "lunedì",
+    "martedì",
+    "mercoledì",
+    "giovedì",
+    "venerdì",
+    "sabato",
+    "domenica",
+    "segunda",
+    "terça",
+    "quarta",
+    "quinta",
+    "sexta",
+    "понедельник",
+    "вторник",
+    "среда",
+    "четверг",
+    "пятница",
+    "суббота",
+    "воскресенье",
+    "poniedziałek",
+    "wtorek",
+    "czwartek",
+    "piątek",
+    "sobota",
+    "niedziela",
+    "pondělí",
+    "úterý",
+    "středa",
+    "čtvrtek",
+    "pátek",
+    "neděle",
+    "maanantai",
+    "tiistai",
+    "keskiviikko",
+    "torstai",
+    "perjantai",
+    "lauantai",
+];
+/// Words between date and time of day that say nothing: `at`, `kl.`, `à`, and `г.` for the year.
+const FILLERS: [&str; 17] =
+    ["at", "klo", "kl", "à", "um", "om", "alle", "às", "o", "ob", "u", "v", "в", "г", "года", "lúc", "ora"];
+/// Words within a date with the name of its month that say nothing: `15 de junio de 2026`, `June 15th`, `1er juin`.
+const OF_DATE: [&str; 10] = ["de", "del", "of", "st", "nd", "rd", "th", "er", "г", "года"];
 /// Time zones whose letters are those of one zone only, and their offset (s).
 const ZONES: [(&str, i32); 13] = [
     ("z", 0),
@@ -66,7 +130,18 @@ pub fn month(word: &str) -> Option<u32> {
 /// Whether a word is a day of the week.
 pub fn is_weekday(word: &str) -> bool {
     let word = word.to_lowercase();
-    WEEKDAYS.contains(&word.as_str()) || word.ends_with("day") || word.ends_with("tag")
+    let ends = ["day", "tag", "dag"].iter().any(|end| word.ends_with(end));
+    ends || WEEKDAYS.contains(&word.as_str()) || WHOLE_WEEKDAYS.contains(&word.as_str())
+}
+
+/// Whether a word between date and time of day says nothing.
+pub fn is_filler(word: &str) -> bool {
+    FILLERS.contains(&word.to_lowercase().as_str())
+}
+
+/// Whether a word within a date says nothing.
+pub fn is_of_date(word: &str) -> bool {
+    OF_DATE.contains(&word.to_lowercase().as_str())
 }
 
 /// The offset of a zone's letters (s east of Greenwich); `None` where several zones have them, as CST.
@@ -84,11 +159,12 @@ pub fn is_ambiguous(word: &str) -> bool {
     AMBIGUOUS.contains(&word.to_lowercase().as_str())
 }
 
-/// Whether a word behind a time of day, `am` or `pm`, says that it is past noon.
+/// Whether a word behind a time of day, `am` or `pm`, says that it is past noon; also in Greek, Vietnamese (`SA`, `CH`), Turkish
+/// and Swedish.
 pub fn half(word: &str) -> Option<bool> {
     match word {
-        "a" | "A" | "am" | "AM" | "Am" => Some(false),
-        "p" | "P" | "pm" | "PM" | "Pm" => Some(true),
+        "a" | "A" | "am" | "AM" | "Am" | "π" | "πμ" | "ΠΜ" | "SA" | "ÖÖ" | "fm" => Some(false),
+        "p" | "P" | "pm" | "PM" | "Pm" | "μ" | "μμ" | "ΜΜ" | "CH" | "ÖS" | "em" => Some(true),
         _ => None,
     }
 }

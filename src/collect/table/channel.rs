@@ -4,6 +4,7 @@ use super::error::{TableError, shown};
 use super::evidence::Evidence;
 use super::layout::Long;
 use super::number::{self, Decimal};
+use super::says::{are_letters, behind_number};
 use super::source::{Cell, Rows};
 use super::stamp;
 use super::words::Words;
@@ -58,21 +59,31 @@ fn meant(text: &str) -> &str {
 
 /// Steps of a value from one row to the next.
 #[derive(Clone, Copy, Debug, Default)]
-struct Steps {
+pub struct Steps {
     all: u64,
     /// Those that change it.
     moved: u64,
 }
 
 impl Steps {
-    fn add(&mut self, moved: bool) {
+    pub fn add(&mut self, moved: bool) {
         self.all += 1;
         self.moved += u64::from(moved);
     }
 
     /// Whether the value changes by itself: in a fifth of the steps.
-    fn moves(self) -> bool {
+    pub fn moves(self) -> bool {
         self.moved * 5 > self.all
+    }
+
+    /// Whether there are more of them than an operator's own.
+    pub fn are_many(self) -> bool {
+        self.all > FEW_STEPS
+    }
+
+    /// Whether the value stays where it is: in all of many steps but one in fifty.
+    pub fn rests(self) -> bool {
+        self.are_many() && self.moved * 50 <= self.all
     }
 }
 
@@ -83,6 +94,8 @@ pub struct Channel {
     pub tag: Tag,
     /// What it is to the loop.
     pub role: Option<Role>,
+    /// Its loop, where every tag of a table is taken and its name or an option tells it.
+    pub control_loop: Option<String>,
     /// Its column from 1; 0 in a long table.
     pub column: usize,
     /// Cells that are not blank.
@@ -119,6 +132,7 @@ impl Channel {
         Self {
             tag,
             role,
+            control_loop: None,
             column,
             cells: 0,
             numbers: 0,
@@ -210,16 +224,56 @@ impl Channel {
         zero.all > FEW_STEPS && zero.moves() && !one.moves()
     }
 
-    /// The unit behind its numbers, empty for none.
+    /// Whether it does so while the mode is 1, and not while it is 0.
+    pub fn moves_in_one(&self) -> bool {
+        let [zero, one] = self.steps_in;
+        one.all > FEW_STEPS && one.moves() && !zero.moves()
+    }
+
+    /// Whether it has cells and none of them can be used.
+    pub fn is_text(&self) -> bool {
+        let numbers = |words: &Words| words.numbers().is_some();
+        self.cells > 0 && self.numbers == 0 && !self.words.as_ref().is_some_and(numbers)
+    }
+
+    /// Whether the letters behind its numbers say how good these are.
+    pub fn has_letters(&self) -> bool {
+        let most = self.units.iter().max_by_key(|(_, count, _)| *count);
+        let units = || self.units.iter().map(|(own, ..)| own.as_str());
+        most.is_some_and(|(most, ..)| are_letters(units(), most))
+    }
+
+    /// Whether a word behind any of its numbers says how good it is; `letters` do so too.
+    pub fn has_qualities(&self, letters: bool) -> bool {
+        self.units.iter().any(|(own, ..)| behind_number(own, letters).1.is_some())
+    }
+
+    /// The unit behind its numbers; that of a tag which is no role may be anything.
+    pub fn unit_or_none(&self, letters: bool) -> Result<String, TableError> {
+        match self.unit_of_cells(letters) {
+            Err(error) if self.role.is_some() => Err(error),
+            unit => Ok(unit.unwrap_or("").to_string()),
+        }
+    }
+
+    /// The unit behind its numbers, empty for none; `letters` of quality are none.
     ///
     /// # Errors
     /// Several, so that its numbers cannot be compared.
-    pub fn unit_of_cells(&self) -> Result<&str, TableError> {
-        let Some((unit, most, _)) = self.units.iter().max_by_key(|(_, count, _)| *count) else {
+    fn unit_of_cells(&self, letters: bool) -> Result<&str, TableError> {
+        let mut units: Vec<(&str, u64, u64)> = Vec::new();
+        for (own, count, line) in &self.units {
+            let unit = behind_number(own, letters).0;
+            match units.iter_mut().find(|(known, ..)| *known == unit) {
+                Some(known) => known.1 += count,
+                None => units.push((unit, *count, *line)),
+            }
+        }
+        let Some((unit, most, _)) = units.iter().copied().max_by_key(|(_, count, _)| *count) else {
             return Ok("");
         };
-        let odd = self.units.iter().filter(|(own, ..)| own != unit).min_by_key(|(.., line)| *line);
-        let odd_ones: u64 = self.units.iter().map(|(_, count, _)| count).sum::<u64>() - most;
+        let odd = units.iter().filter(|(own, ..)| *own != unit).min_by_key(|(.., line)| *line);
+        let odd_ones: u64 = units.iter().map(|(_, count, _)| count).sum::<u64>() - most;
         match odd {
             Some((other, _, line)) if odd_ones * ODD > self.numbers => Err(TableError::refused(format!(
                 "line {line}, column {} ({}): a number in {:?} among numbers in {unit:?}; make their unit one",

@@ -6,6 +6,7 @@ use super::error::{TableError, shown};
 use super::layout::{Layout, Looked, PREAMBLE, first_rows, look};
 use super::options::{Options, Told};
 use super::source::{Kind, Rows, Source};
+use super::stated_zone::state;
 use super::text::Encoding;
 
 /// What divides cells, the usual ones.
@@ -24,7 +25,9 @@ pub fn dialect(
     let Kind::Text(encoding) = kind else {
         let mut rows = kind.rows(source, b',')?;
         let first = first_rows(rows.as_mut())?;
-        return Ok((b',', look(&first, options, rows.row_name()).layout?));
+        let mut layout = look(&first, options, rows.row_name()).layout?;
+        state(&mut layout, &first);
+        return Ok((b',', layout));
     };
     // The last line of the head may be cut.
     let whole = head.iter().rposition(|byte| *byte == b'\n').filter(|_| head.len() >= 1 << 16);
@@ -57,6 +60,9 @@ pub fn dialect(
         let mut looked = look(&first, options, "line");
         if let (Ok(layout), true) = (&mut looked.layout, said.is_some()) {
             layout.lower();
+        }
+        if let Ok(layout) = &mut looked.layout {
+            state(layout, &first);
         }
         if best.as_ref().is_none_or(|(other, _)| looked.worth() > other.worth()) {
             best = Some((looked, separator));

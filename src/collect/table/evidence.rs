@@ -192,7 +192,13 @@ pub fn decide(
             continue;
         }
         let mixed = columns.iter().any(|column| column.any() && !column.uniform(sign));
-        if op.is_some_and(|op| op.uniform(sign)) && !mixed {
+        // A tab or a bar says nothing of the sign, and counts of a converter have thousands in every column: `14,325`.
+        let is_open = sign == Decimal::Comma && matches!(separator, Some(b'\t' | b'|'));
+        let is_share = |place: &Place| [&place.column, &place.cell].iter().any(|text| text.contains('%'));
+        let may_count = is_open
+            && columns.iter().all(|column| column.uniform(sign))
+            && op.is_some_and(|op| !op.either_at[at(sign)].as_ref().is_some_and(is_share));
+        if op.is_some_and(|op| op.uniform(sign)) && !mixed && !may_count {
             return Ok(sign);
         }
     }
@@ -242,6 +248,19 @@ mod tests {
         );
         let (op, pv) = (["14,325"; 10], ["51.23", "51.38"]);
         assert!(decided(&op, &pv).is_err_and(|said| said.contains("every cell of OP")));
+    }
+
+    #[test]
+    fn whole_counts_with_thousands_are_asked_for() {
+        let (op, pv) = (of(&["14,325", "14,299"]), of(&["14,163", "14,204"]));
+        let by = |separator: u8| decide(&[&op, &pv], Some(&op), &Evidence::default(), Some(separator));
+        let said = by(b'\t').expect_err("a doubt").to_string();
+        assert!(said.contains("\"14,325\" may be 14.325 or 14325; say --decimal"), "{said}");
+        assert_eq!(by(b';').ok(), Some(Decimal::Comma), "semicolons divide where the comma is decimal");
+        let mut share = Evidence::default();
+        share.add(&scan("51,812").expect("a number"), 2, "OP [%]", "51,812");
+        let told = decide(&[&share, &pv], Some(&share), &Evidence::default(), Some(b'\t'));
+        assert_eq!(told.ok(), Some(Decimal::Comma), "no share is a thousand times the whole");
     }
 
     #[test]

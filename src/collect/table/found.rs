@@ -7,11 +7,15 @@ use super::layout::Body;
 use super::source::Kind;
 use super::survey::Plan;
 use super::take::Counted;
+use super::time_columns::parts_said;
 use crate::signal::Role;
 use std::fmt::Write;
 
 /// Columns and tags of quality that are named.
 const NAMED: usize = 8;
+
+/// Tags with a role that are named: a table may have those of many loops.
+const ROLES: usize = 12;
 
 /// How a table was read.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -41,11 +45,16 @@ impl Found {
             } else {
                 format!("{:?}", shown(&name.full))
             };
-            parts.push(format!("milliseconds from {from}"));
+            parts.push(format!("{} from {from}", parts_said(name)));
         }
         let mut op_unit = None;
+        let mut roles = 0;
         for (at, channel) in plan.channels.iter().enumerate() {
             let Some(role) = channel.role else { continue };
+            roles += 1;
+            if roles > ROLES {
+                continue;
+            }
             let beside = Some(&plan.units[at]).filter(|unit| !unit.is_empty()).cloned();
             let unit = channel.tag.unit.clone().or(beside).filter(|unit| unit != "-");
             let mut part =
@@ -58,6 +67,9 @@ impl Found {
             if role == Role::Op {
                 op_unit = unit;
             }
+        }
+        if roles > ROLES {
+            parts.push(format!("and {} more", roles - ROLES));
         }
         parts.extend(others(plan));
         parts.extend(plan.modes.iter().flatten().filter_map(|modes| modes.said.clone()));
@@ -92,10 +104,14 @@ fn others(plan: &Plan) -> Vec<String> {
     let values = plan.channels.iter().filter(|own| !own.says_of_another);
     let others = values.filter(|own| own.role.is_none() && own.cells > 0 && !own.tag.name.is_empty());
     let (tags, texts): (Vec<&Channel>, Vec<&Channel>) = others.partition(|own| own.numbers > 0);
-    let said = |what: &str, all: &[&Channel]| {
-        (!all.is_empty()).then(|| format!("{what} {}", listed(all.iter().map(|own| own.tag.name.as_str()))))
-    };
-    said("other tags", &tags).into_iter().chain(said("not used", &texts)).collect()
+    let columns = plan.unused.iter().map(|at| plan.layout.names[*at].full.as_str());
+    let not_used: Vec<&str> = names_of(&texts).into_iter().chain(columns).collect();
+    let said = |what: &str, all: Vec<&str>| (!all.is_empty()).then(|| format!("{what} {}", listed(all)));
+    said("other tags", names_of(&tags)).into_iter().chain(said("not used", not_used)).collect()
+}
+
+fn names_of<'c>(all: &[&'c Channel]) -> Vec<&'c str> {
+    all.iter().map(|own| own.tag.name.as_str()).collect()
 }
 
 /// What was not used.
@@ -115,7 +131,9 @@ fn remarks(plan: &Plan, counted: &Counted) -> Vec<String> {
         };
         let columns = plan.qualities.iter().map(|(at, ..)| name(*at));
         let tags = plan.joined.iter().map(|own| plan.channels[own.by].tag.name.clone());
-        let names: Vec<String> = columns.chain(tags).take(NAMED).collect();
+        let behind = plan.channels.iter().filter(|own| own.has_qualities(plan.letters));
+        let behind = behind.map(|own| format!("the words behind {}", own.tag.name));
+        let names: Vec<String> = columns.chain(tags).chain(behind).take(NAMED).collect();
         out.push(format!("{} samples not good by {}", counted.not_good, names.join(", ")));
     }
     if counted.no_number > 0 {

@@ -1,15 +1,18 @@
 //! Where the header is, and what stands in which column.
 
-use super::error::{TableError, listed};
+use super::error::TableError;
+use super::header_zone::HeaderZone;
 use super::names::{Name, as_unit};
 use super::options::Options;
 use super::pairs::{self, PairRows, Pairs};
-use super::qualities::owners;
+use super::qualities::{owners, speaks};
 use super::roles::{Roles, Trouble, roles, told};
-use super::source::{Cell, Rows};
+use super::source::Rows;
 use super::time::{What, WhatKind};
-use super::time_columns::{millis, seconds, times};
+use super::time_columns::{parts, seconds, times};
 use super::two_rows::{goes_on, named, no_part, under_loops};
+use super::vocabulary::TAGS;
+use super::why_none::{along_a_row, blocks, none};
 
 /// Most columns of a table.
 const MAX_COLUMNS: usize = 1 << 12;
@@ -60,10 +63,12 @@ pub struct Layout {
     pub time: usize,
     /// The column of the time of day, where the other is the date only.
     pub clock: Option<usize>,
-    /// The column of milliseconds, where the times are whole seconds.
+    /// The column of milliseconds or other parts of a second, where the times are whole seconds.
     pub millis: Option<usize>,
     /// The unit of times, from the header or below it.
     pub time_unit: Option<String>,
+    /// The zone of times, where a line above the header or a column states it.
+    pub zone: Option<HeaderZone>,
     /// Where the samples are.
     pub body: Body,
     /// The columns of each tag, where each has its own times.
@@ -77,6 +82,29 @@ impl Layout {
             Some(pairs) => Box::new(PairRows::new(rows, pairs)?),
             None => rows,
         })
+    }
+
+    /// Whether the table is an export of our own, which has a column that nobody else has.
+    pub fn is_ours(&self) -> bool {
+        self.names.iter().any(|name| name.plain() == "era")
+    }
+
+    /// Whether tags are called as a store calls them: in an export of our own, and in the form that the documents describe.
+    pub fn keeps_names(&self) -> bool {
+        let Body::Long(long) = &self.body else { return false };
+        let is = |at: usize, name: &str| self.names[at].plain() == name;
+        let described =
+            long.owner.is_some_and(|at| is(at, "loop")) && is(long.tag, "tag") && is(self.time, "t");
+        self.is_ours() || described && is(long.value, "value")
+    }
+
+    /// The columns of a long table of which nothing is made.
+    pub fn beside(&self, long: &Long) -> Vec<usize> {
+        let used = [Some(long.tag), Some(long.value), Some(self.time), self.clock, self.millis];
+        let told = [long.owner, long.source, long.unit];
+        let is_used =
+            |at: usize| used.contains(&Some(at)) || told.contains(&Some(at)) || long.qualities.contains(&at);
+        (0..self.names.len()).filter(|at| !is_used(*at) && !self.names[*at].is_none()).collect()
     }
 
     /// One more row stands above the header.
@@ -216,6 +244,9 @@ pub fn look(rows: &[SeenRow], options: &Options, row_name: &str) -> Looked {
     let (known, at) = best.unwrap_or_default();
     let (line, row): (u64, &[Seen]) = rows.get(at).map_or((1, &[]), |(line, row)| (*line, row));
     let numbers_only = known == 0 && row.iter().any(|cell| cell.kind == WhatKind::Number);
+    if let Some(error) = along_a_row(line, row, row_name).or_else(|| blocks(rows, row_name)) {
+        return Looked { layout: Err(error), known: known.max(2), even: 1.0, cells: 2, numbers_only: false };
+    }
     let layout = Err(none(line, row, numbers_only, options, row_name));
     Looked {
         layout,
@@ -266,48 +297,6 @@ impl Looked {
     }
 }
 
-/// Why the best row is no header.
-fn none(line: u64, row: &[Seen], numbers_only: bool, options: &Options, row_name: &str) -> TableError {
-    if numbers_only {
-        return TableError::refused(format!(
-            "{row_name} {line}: numbers where the header should be; put a line such as t,op,pv above them, or say which column is \
-             which, such as --time 1 --op 2 --pv 3"
-        ));
-    }
-    let names: Vec<Name> = row.iter().map(|cell| Name::new(&cell.text)).collect();
-    if let Some(Err(error)) = options.time.as_ref().map(|time| told(&names, time, "time", true)) {
-        return TableError::refused(format!("{row_name} {line}: {error}"));
-    }
-    let missing = match times(&names, &[], options) {
-        Ok(_) => Vec::new(),
-        Err(_) => vec!["t"],
-    };
-    let others = match roles(&names, options, true) {
-        Err(Trouble::Missing(missing)) => missing,
-        _ => Vec::new(),
-    };
-    let missing = [missing, others].concat().join(", ");
-    let found = listed(names.iter().map(|name| name.full.as_str()));
-    let has = |part: &str| names.iter().any(|name| name.plain() == part);
-    if missing.starts_with('t') && has("year") && (has("month") && has("day") || has("doy")) {
-        return TableError::refused(format!(
-            "{row_name} {line}: the time stands in columns of year, month and others; join them into one column, such as \
-             2026-06-01 06:00:00"
-        ));
-    }
-    if missing.is_empty() {
-        return TableError::refused(format!(
-            "{row_name} {line}: the header has {found}, and no times stand below it; name columns by their number with --time, \
-             --op and --pv"
-        ));
-    }
-    TableError::refused(format!(
-        "{row_name} {line}: no column {missing} (t the time, op the controller's output, pv the measured value); \
-         the header has {found}; name them with --time, --op and --pv, by name or by number from 1, or with --time, --tag and --value where each row is one \
-         sample of one tag"
-    ))
-}
-
 /// How many names are known, or told by an option.
 pub fn known(names: &[Name], options: &Options) -> usize {
     let told = |name: &Name| {
@@ -336,13 +325,13 @@ fn header(names: Vec<Name>, below: &[SeenRow], options: &Options) -> Result<Layo
         ))));
     }
     let (time, clock) = times(&names, below, options)?;
-    let millis = millis(&names, time, below);
+    let millis = parts(&names, (time, clock), below, options)?;
     seconds(&names, time, below)?;
     let wide =
         |name: &Name, at: usize| at != time && Some(at) != clock && Some(at) != millis && !name.is_none();
     let masked: Vec<Name> =
         names.iter().enumerate().map(|(at, n)| if wide(n, at) { n.clone() } else { Name::new("") }).collect();
-    let body = match (long(&names, time, options)?, roles(&masked, options, true)) {
+    let body = match (long(&names, time, below, options)?, roles(&masked, options, true)) {
         // A table of tags and values has no columns of OP and PV.
         (Some(long), _) => Body::Long(long),
         (None, Ok(roles)) => Body::Wide(columns(&masked, &roles)),
@@ -355,6 +344,7 @@ fn header(names: Vec<Name>, below: &[SeenRow], options: &Options) -> Result<Layo
         clock,
         millis,
         time_unit: names[time].unit_of_time(),
+        zone: None,
         names,
         body,
         pairs: None,
@@ -363,37 +353,6 @@ fn header(names: Vec<Name>, below: &[SeenRow], options: &Options) -> Result<Layo
     Ok(layout)
 }
 
-const TAGS: [&str; 29] = [
-    "measure name",
-    "tagindex",
-    "tag index",
-    "tag",
-    "tagname",
-    "tag name",
-    "tag id",
-    "tagid",
-    "name",
-    "point",
-    "point name",
-    "pointname",
-    "signal",
-    "variable",
-    "item",
-    "field",
-    "metric",
-    "channel",
-    "parameter",
-    "varname",
-    "object",
-    "displayname",
-    "display name",
-    "series",
-    "messstelle",
-    "attribute",
-    "browsename",
-    "path",
-    "data item",
-];
 pub const VALUES: [&str; 10] = [
     "value",
     "valuey",
@@ -407,8 +366,15 @@ pub const VALUES: [&str; 10] = [
     "measure value double",
 ];
 
+/// Whether the tags of a long table are called `OP` and `PV` alone, so that another column has to say of which loop they are.
+fn are_bare(below: &[SeenRow], tag: usize) -> bool {
+    let said = below.iter().filter_map(|(_, row)| Name::new(&row.get(tag)?.text).said());
+    let mut owners = said.map(|said| said.owner);
+    owners.next().is_some_and(|first| first.is_empty() && owners.all(|own| own.is_empty()))
+}
+
 /// The columns of a long table, where it is one.
-fn long(names: &[Name], time: usize, options: &Options) -> Result<Option<Long>, Trouble> {
+fn long(names: &[Name], time: usize, below: &[SeenRow], options: &Options) -> Result<Option<Long>, Trouble> {
     let place =
         |wanted: &[&str]| (0..names.len()).find(|at| *at != time && wanted.contains(&names[*at].plain()));
     let told = |option: &str, known: &[&str]| match options.column(option) {
@@ -433,10 +399,17 @@ fn long(names: &[Name], time: usize, options: &Options) -> Result<Option<Long>, 
         )));
     }
     let other = |wanted: &[&str]| place(wanted).filter(|at| ![tag, value].contains(at));
+    // A source is where samples came from, and a second name says more of a tag.
+    let names_loop =
+        |name: &Name| name.is_owner() && !TAGS.contains(&name.plain()) && name.plain() != "source";
+    let of_loop = || {
+        let at = (0..names.len()).find(|at| names_loop(&names[*at]) && ![tag, value, time].contains(at));
+        at.filter(|_| are_bare(below, tag))
+    };
     Ok(Some(Long {
         tag,
         value,
-        owner: other(&["loop"]).or_else(|| other(&["measurement"])),
+        owner: other(&["loop"]).or_else(of_loop).or_else(|| other(&["measurement"])),
         qualities: qualities_of(names, value),
         source: other(&["source"]),
         unit: other(&["unit", "units", "uom"]),
@@ -466,8 +439,8 @@ fn columns(names: &[Name], roles: &Roles) -> Wide {
     // One without a name may be told by its number.
     let named = |at: &usize| !names[*at].is_none() || roles[*at].is_some();
     let (says, values): (Vec<usize>, Vec<usize>) =
-        (0..names.len()).filter(named).partition(|at| names[*at].quality_of().is_some());
-    let owners = owners(names, &says, &values);
+        (0..names.len()).filter(named).partition(|at| roles[*at].is_none() && speaks(names, *at));
+    let owners = owners(names, &says, &values, roles);
     // The status of something else is a tag like any other.
     let others = owners.iter().filter(|(_, owner)| owner.is_none()).map(|(at, _)| *at);
     let mut columns: Vec<usize> = values.iter().copied().chain(others).collect();
@@ -508,13 +481,4 @@ fn units(layout: &mut Layout, below: &[SeenRow]) {
         }
     }
     layout.skip = extra;
-}
-
-impl Cell<'_> {
-    /// Whether a row that begins with it is a comment.
-    pub fn is_comment(&self) -> bool {
-        // `########` is a time that a spreadsheet had no room for.
-        let narrow = |text: &str| text.trim().len() >= 4 && text.trim().trim_matches('#').is_empty();
-        matches!(self, Cell::Text(text) if text.trim_start().starts_with('#') && !narrow(text))
-    }
 }

@@ -7,10 +7,11 @@
 //! | step | decides |
 //! |---|---|
 //! | `source`, `kinds`, `text` | what kind of file, which encoding |
-//! | `dialect`, `blanks`, `layout`, `time_columns`, `pairs`, `names`, `roles` | what divides cells, where the header is, which column is what |
+//! | `dialect`, `blanks`, `layout`, `why_none`, `time_columns`, `pairs`, `names`, `roles` | what divides cells, where the header is, which column is what |
 //! | `evidence`, `number` | the decimal sign, thousands, units behind numbers |
-//! | `time`, `stamp`, `calendar` | how times are written |
-//! | `words`, `by_words`, `qualities`, `joined`, `says` | which modes are automatic, which qualities good |
+//! | `time`, `stamp`, `calendar`, `header_format`, `header_zone`, `stated_zone` | how times are written, and in which zone |
+//! | `loops` | which loop each tag is of, and what it is to it, where every tag is taken |
+//! | `words`, `by_words`, `rests`, `qualities`, `quality_names`, `joined`, `says` | which modes are automatic, which qualities good |
 //! | `owner` | which rows are the loop's |
 //! | `take` | samples, and which rows are left out |
 
@@ -23,10 +24,12 @@ mod dialect;
 mod error;
 mod evidence;
 mod found;
+mod header_format;
 mod header_zone;
 mod joined;
 mod kinds;
 mod layout;
+mod loops;
 pub(super) mod names;
 pub(super) mod number;
 mod odd_rows;
@@ -35,11 +38,14 @@ mod owner;
 mod pairs;
 mod parquet;
 mod qualities;
+mod quality_names;
 mod repeats;
+mod rests;
 mod roles;
 mod says;
 mod source;
 mod stamp;
+mod stated_zone;
 mod survey;
 mod take;
 mod text;
@@ -47,6 +53,7 @@ mod time;
 mod time_columns;
 mod two_rows;
 mod vocabulary;
+mod why_none;
 mod words;
 mod workbook;
 
@@ -115,7 +122,7 @@ pub fn texts(
 ) -> Result<Vec<TextRow>, TableError> {
     let told = options.told()?;
     let head = source.head()?;
-    let kind = source::Kind::of(source, &head, options.sheet.as_deref(), told.encoding)?;
+    let kind = source::Kind::of(source, &head, options.sheet.as_deref(), told.encoding, false)?;
     let has_header = |separator: &u8| -> Result<bool, TableError> {
         let first = rows_of(kind.rows(source, *separator)?, HEADER_WITHIN, false)?;
         Ok(first.iter().any(|(_, cells)| is_header(cells)))

@@ -1,10 +1,9 @@
 //! What the names of columns mean: the words of the field, of vendors, and of a few languages.
 
-use super::header_zone::HeaderZone;
+use super::header_format::is_format;
+use super::header_zone::{HeaderZone, speaks_of_zone};
 use super::options::Unit;
-use super::vocabulary::{
-    CLOCKS, DATES, DETAILS, MODE, MV, OP, OWNERS, PV, QUALITIES, SHORT_QUALITIES, SP, TIME, VALUES,
-};
+use super::vocabulary::{CLOCKS, DATES, FLAGGED, MODE, MV, OF_MANY, OP, OWNERS, PV, SP, TIME, VALUES};
 use crate::signal::Role;
 
 /// What a column's name says it is.
@@ -36,7 +35,7 @@ const UNITS: &[&str] = &[
 ];
 
 /// Longest name that is taken apart (bytes): a longer one is prose, and takes time with the square of its length.
-const LONGEST: usize = 512;
+pub const LONGEST: usize = 512;
 
 /// Units in which a gas is measured.
 const GASES: [&str; 7] = ["ppm", "ppmv", "ppb", "mg/m3", "mg/nm3", "vol%", "vol.-%"];
@@ -74,6 +73,8 @@ impl Name {
         }
         let bare = full.trim_start_matches('#').trim();
         let (bare, unit) = split_unit(bare);
+        // What stands in brackets may say what it is: `Flow (PV)`.
+        let unit = unit.filter(|unit| labelled(unit).is_none());
         Self { plain: plain(bare), unit: unit.map(str::to_string), full }
     }
 
@@ -88,6 +89,10 @@ impl Name {
         if self.full.len() > LONGEST {
             return None;
         }
+        // `Bad_PV` is a flag.
+        if self.plain.split_once(' ').is_some_and(|(first, _)| FLAGGED.contains(&first)) {
+            return None;
+        }
         // InfluxDB's name of a table, in which PV may stand beside it.
         if self.full == "_measurement" {
             return None;
@@ -97,6 +102,8 @@ impl Name {
             Unit::of(unit).is_some()
                 || ZONES.contains(&unit.to_lowercase().as_str())
                 || HeaderZone::of(unit).is_some()
+                || speaks_of_zone(unit)
+                || is_format(unit)
         };
         let time = self.unit.as_ref().is_none_or(of_time);
         // `CO [ppm]` is carbon monoxide.
@@ -104,11 +111,24 @@ impl Name {
         if self.plain == "co" && self.unit.as_ref().is_some_and(of_gas) {
             return None;
         }
-        if let Some(meaning) = whole(&self.plain).filter(|meaning| *meaning != Meaning::Time || time) {
-            return Some(Said { meaning, owner: String::new() });
+        let label = split_unit(self.bare()).1.and_then(labelled);
+        let of_whole = whole(&self.plain).filter(|meaning| *meaning != Meaning::Time || time);
+        if let Some(meaning) = label.or(of_whole) {
+            // `Output (PV)` is either.
+            let one = label.is_none() || of_whole.is_none_or(|own| own == meaning);
+            let is_tag = |name: &&str| controller(name).is_some_and(|tag| name.replace(' ', "") == tag);
+            let owner = Some(self.plain.as_str()).filter(|name| label.is_some() && is_tag(name));
+            return one.then(|| Said { meaning, owner: owner.unwrap_or_default().to_string() });
         }
         if let Some((meaning, owner)) = with_number(&self.plain) {
             return Some(Said { meaning, owner });
+        }
+        // `FIC101.PV - FIC101.SP` is a difference.
+        let is_known = |name: &str| Name::new(name).said().is_some();
+        let are_known =
+            |(one, other): (&str, &str)| !other.contains(" - ") && is_known(one) && is_known(other);
+        if self.full.split_once(" - ").is_some_and(are_known) {
+            return None;
         }
         let path = self.path();
         let parts: Vec<&str> = path.split(PATH).map(str::trim).filter(|part| !part.is_empty()).collect();
@@ -148,7 +168,39 @@ impl Name {
             }
             _ => path,
         };
-        of_controller(&path).or_else(|| short(&path)).map(|(meaning, owner)| Said { meaning, owner })
+        let said = of_controller(&path).or_else(|| short(&path)).or_else(|| joined(&path));
+        said.map(|(meaning, owner)| Said { meaning, owner }).or_else(|| self.described())
+    }
+
+    /// `FIC101.OP - Valve of the feed`: a tag and what it is in words.
+    fn described(&self) -> Option<Said> {
+        let (tag, words) = self.full.split_once(" - ")?;
+        Name::new(tag).said().filter(|said| !said.owner.is_empty() && !Name::new(words).is_none())
+    }
+
+    /// The owner of [`Self::said`] as it is written: `FIC-101/PID1` of `FIC-101/PID1/OUT.CV`.
+    pub fn owner_as_written(&self) -> Option<String> {
+        let said = self.said()?;
+        let bracketed = || {
+            let unit = self.unit.as_deref()?;
+            controller(&plain(unit))
+                .filter(|tag| plain(unit).replace(' ', "") == *tag)
+                .map(|_| unit.to_string())
+        };
+        if said.owner.is_empty() {
+            return bracketed();
+        }
+        // The shortest beginning that has as many letters.
+        let all = said.owner.chars().filter(|c| *c != ' ').count();
+        let mut letters = 0;
+        let end = self.full.char_indices().find_map(|(at, c)| {
+            letters += plain(&c.to_string()).chars().count();
+            (letters >= all).then_some(at + c.len_utf8())
+        });
+        let written = end.and_then(|end| self.full.get(..end)).filter(|before| plain(before) == said.owner);
+        let trimmed = written.map(|own| own.trim_start_matches(['[', '(', '{', '#', '"', '\'', ' ']));
+        // `OP_1` has the number of its loop behind it.
+        Some(trimmed.unwrap_or(&said.owner).to_string())
     }
 
     /// The unit of times in this column: `Time [min]`, and `Minutes`.
@@ -157,8 +209,18 @@ impl Name {
         self.unit.clone().or_else(by_name)
     }
 
-    fn path(&self) -> String {
-        split_unit(self.full.trim_start_matches('#').trim()).0.to_string()
+    /// As it is written, without its unit.
+    pub fn path(&self) -> String {
+        split_unit(self.bare()).0.to_string()
+    }
+
+    /// What stands in brackets behind it, a unit or anything else; a unit without brackets counts as well.
+    pub fn brackets(&self) -> &str {
+        split_unit(self.bare()).1.unwrap_or_default()
+    }
+
+    fn bare(&self) -> &str {
+        self.full.trim_start_matches('#').trim()
     }
 
     /// Whether it is a date without a time of day, and a time of day without a date.
@@ -176,38 +238,9 @@ impl Name {
         self.plain.is_empty() || self.plain.starts_with("unnamed")
     }
 
-    /// Whether it says if a value is good: `Some` with the name of that value, empty where it stands alone.
-    pub fn quality_of(&self) -> Option<String> {
-        // `A/M Status` is a mode.
-        if MODE.contains(&self.plain.as_str()) {
-            return None;
-        }
-        if QUALITIES.contains(&self.plain.as_str()) {
-            let short = SHORT_QUALITIES.contains(&self.plain.as_str());
-            return (!short).then(String::new);
-        }
-        let of = |name: &&str| self.plain.strip_suffix(*name)?.strip_suffix(' ').map(str::to_string);
-        QUALITIES.iter().filter_map(of).min_by_key(String::len)
-    }
-
-    /// Whether it holds OPC's numbers beside a column of another numbering, as in AVEVA's historian.
-    pub fn is_detail(&self) -> bool {
-        DETAILS.iter().any(|detail| {
-            self.plain.strip_suffix(detail).is_some_and(|of| of.is_empty() || of.ends_with(' '))
-        })
-    }
-
     /// Whether its cells may name the loop of their row, where OP and PV have columns of their own.
     pub fn is_owner(&self) -> bool {
         OWNERS.contains(&self.plain.as_str())
-    }
-
-    /// Whether a quality column of this name (see [`Self::quality_of`]) belongs to it.
-    pub fn owns_quality(&self, of: &str) -> bool {
-        let short = self.said().map(|said| said.meaning.as_str());
-        let value =
-            VALUES.iter().any(|value| self.plain.strip_suffix(value).is_some_and(|p| p.trim_end() == of));
-        self.plain == of || value || short == Some(of)
     }
 
     /// In small letters without its unit.
@@ -219,7 +252,8 @@ impl Name {
 /// What divides the parts of a path.
 const PATH: [char; 8] = ['.', '/', '\\', ':', '|', '!', '>', '#'];
 
-fn plain(name: &str) -> String {
+/// In small letters, one blank for each sign that divides words.
+pub fn plain(name: &str) -> String {
     let mut out = String::with_capacity(name.len());
     for c in name.chars().flat_map(char::to_lowercase) {
         if c.is_alphanumeric() || matches!(c, '%' | '°') {
@@ -253,6 +287,22 @@ fn of_controller(path: &str) -> Option<(Meaning, String)> {
         let is_tag = controller(before).is_some_and(|tag| before.replace(' ', "") == tag);
         role(behind).filter(|_| is_tag).map(|meaning| (meaning, plain(&format!("{area} {before}"))))
     })
+}
+
+/// `FIC101OP`: the tag of a controller and what it has, with nothing between them.
+fn joined(path: &str) -> Option<(Meaning, String)> {
+    const BEHIND: [&str; 5] = ["op", "pv", "sp", "sv", "mv"];
+    let (area, last) = path.rsplit_once(PATH).unwrap_or(("", path));
+    let last = plain(last);
+    let (tag, word) = BEHIND.iter().find_map(|word| Some((last.strip_suffix(*word)?, *word)))?;
+    let is_tag = controller(tag).is_some_and(|own| own == tag.replace(' ', ""));
+    role(word).filter(|_| is_tag).map(|meaning| (meaning, plain(&format!("{area} {tag}"))))
+}
+
+/// What brackets behind a name say it is: `Valve (OP)`. `mV` is a unit, and `CO` a gas.
+fn labelled(unit: &str) -> Option<Meaning> {
+    let small = plain(unit);
+    role(&small).filter(|_| ["op", "pv", "sp", "mode"].contains(&small.as_str()))
 }
 
 /// `OP_1`, `PV_1`: the shortest names with the number of a loop behind them.
@@ -332,7 +382,19 @@ fn split_unit(name: &str) -> (&str, Option<&str>) {
             if unit.contains(": ") {
                 return split_unit(before.trim());
             }
-            return (before.trim_end_matches(['_', ' ', ',']).trim(), Some(without_range(unit.trim())));
+            let word = plain(unit);
+            // `OP (Min)` is the least of many, and `Time (min)` is counted in minutes.
+            let of_role = |name: &str| {
+                Name::new(name).said().is_some_and(|said| matches!(said.meaning, Meaning::Role(_)))
+            };
+            let nested = before.trim_end().ends_with([')', ']', '}']);
+            if OF_MANY.contains(&word.as_str()) && !nested && of_role(before) {
+                return (name.trim(), None);
+            }
+            let before = before.trim_end_matches(['_', ' ', ',']).trim();
+            // `FIC101.OP (Value)` has no unit.
+            let unit = Some(without_range(unit.trim())).filter(|_| !VALUES.contains(&word.as_str()));
+            return (before, unit);
         }
     }
     if let Some((before, unit)) = name.rsplit_once([' ', ',', '_'])
@@ -361,107 +423,4 @@ fn split_unit(name: &str) -> (&str, Option<&str>) {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn said(name: &str) -> Option<(&'static str, String)> {
-        Name::new(name).said().map(|said| (said.meaning.as_str(), said.owner))
-    }
-
-    #[test]
-    fn names_of_vendors_say_what_they_are() {
-        for (name, meaning, owner) in [
-            ("t", "t", ""),
-            ("Time Stamp", "t", ""),
-            ("time [s]", "t", ""),
-            ("t/min", "t", ""),
-            ("t_ms", "t", ""),
-            ("Timestamp (UTC)", "t", ""),
-            ("OP [%]", "op", ""),
-            ("OP %", "op", ""),
-            ("OP%", "op", ""),
-            ("PV degC", "pv", ""),
-            ("PV, m3/h", "pv", ""),
-            ("Process Value", "pv", ""),
-            ("setpoint", "sp", ""),
-            ("SV", "sp", ""),
-            ("mv_stem", "mv", ""),
-            ("FIC101.OP", "op", "fic101"),
-            ("FIC101.PIDA.OP", "op", "fic101 pida"),
-            ("FIC101/PID1/OUT.CV", "op", "fic101 pid1"),
-            ("FIC101/PID1/PV.CV", "pv", "fic101 pid1"),
-            ("FIC101/PID1/MODE.ACTUAL", "mode", "fic101 pid1"),
-            ("FIC101:PV [m3/h]", "pv", "fic101"),
-            ("FIC101_PV", "pv", "fic101"),
-            ("('FIC101', 'PV')", "pv", "fic101"),
-            ("[FIC101.PV]", "pv", "fic101"),
-            ("Date Time, GMT+02:00", "t", ""),
-            ("Time (Europe/Berlin)", "t", ""),
-            ("Time min", "t", ""),
-            ("\\\\SERVER\\FIC101.PV", "pv", "server fic101"),
-            ("FIC101 OP %", "op", "fic101"),
-            ("CV", "op", ""),
-            ("FIC101 Out", "op", "fic101"),
-            ("FIC-101 Process Value", "pv", "fic 101"),
-            ("FIC101_OP.F_CV", "op", "fic101"),
-            ("FIC101/MV#Value", "mv", "fic101"),
-            ("FIC101.ScaledInput", "pv", "fic101"),
-            ("OP_1", "op", "1"),
-            ("PV 2 [%]", "pv", "2"),
-            ("OP [4-20 mA]", "op", ""),
-        ] {
-            assert_eq!(said(name), Some((meaning, owner.to_string())), "{name}");
-        }
-        for name in [
-            "flow",
-            "flow_out",
-            "T5",
-            "T_C",
-            "T [degC]",
-            "P1_kPa",
-            "remark",
-            "",
-            "XMEAS1",
-            "OP Min",
-            "_measurement",
-            "temp out",
-            "FIC101 High Output",
-            "FT101 Out",
-            "OP_2026",
-        ] {
-            assert_eq!(said(name), None, "{name}");
-        }
-        for (name, unit) in [
-            ("OP [4-20 mA]", "mA"),
-            ("OP (0...100 %)", "%"),
-            ("PV [5]", "5"),
-            ("T [2-1]", "2-1"),
-            ("Time (100 ms)", "100 ms"),
-            ("t/min", "min"),
-        ] {
-            assert_eq!(Name::new(name).unit.as_deref(), Some(unit), "{name}");
-        }
-    }
-
-    #[test]
-    fn a_quality_names_the_value_it_belongs_to() {
-        let of = |name: &str| Name::new(name).quality_of();
-        assert_eq!(of("pv_quality"), Some("pv".into()));
-        assert_eq!(of("OP Status"), Some("op".into()));
-        assert_eq!(of("FIC101.PV.Status"), Some("fic101 pv".into()));
-        assert_eq!(of("Quality"), Some(String::new()));
-        assert_eq!(of("q"), None);
-        assert_eq!(of("pv"), None);
-        assert!(Name::new("FIC101.PV").owns_quality("fic101 pv"));
-        assert!(Name::new("FIC101.PV").owns_quality("pv"));
-        assert!(Name::new("FIC101/PID1/PV.CV").owns_quality("fic101 pid1 pv"));
-        assert!(!Name::new("FIC101.OP").owns_quality("pv"));
-    }
-
-    #[test]
-    fn somebody_who_writes_a_name_means_its_column() {
-        assert!(Name::new("OP [%]").is("op"));
-        assert!(Name::new("FIC101.OP").is("fic101.op"));
-        assert!(!Name::new("FIC101.OP").is("op"));
-    }
-}
+mod tests;

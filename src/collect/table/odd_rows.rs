@@ -4,8 +4,10 @@ use super::blanks::TOO_WIDE;
 use super::error::{TableError, shown};
 use super::layout::{Body, Layout};
 use super::names::{Name, as_unit, controller};
+use super::number;
 use super::source::{Cell, Rows};
 use super::time;
+use crate::signal::Role;
 
 /// A comment, or the header once more.
 pub fn passed_over(rows: &dyn Rows, layout: &Layout) -> bool {
@@ -45,14 +47,37 @@ pub fn title(rows: &dyn Rows) -> Option<String> {
     controller(Name::new(text).plain())
 }
 
-/// Refuses a title of another loop between samples, and a row of other units than the first: two tables in one file.
+/// Whether a row is none of the table: words, such as the number of a page, where others have a time, and nothing in OP and PV.
+fn is_no_sample(rows: &dyn Rows, layout: &Layout) -> bool {
+    let first = rows.cell(layout.time);
+    let words = matches!(&first, Cell::Text(text) if text.trim_start().starts_with(char::is_alphabetic));
+    let second = layout.clock.map(|at| rows.cell(at));
+    let is_time = || time::What::of(&first, second.as_ref()).kind() != time::WhatKind::Nothing;
+    let has_number = |at: usize| match rows.cell(at) {
+        Cell::Text(text) => number::scan(text).is_some(),
+        own => !own.is_blank(),
+    };
+    let holds = || match &layout.body {
+        Body::Wide(wide) => {
+            let columns = wide.columns.iter().zip(&wide.roles);
+            columns
+                .filter(|(_, role)| matches!(role, Some(Role::Op | Role::Pv)))
+                .any(|(at, _)| has_number(*at))
+        }
+        Body::Long(long) => has_number(long.value),
+    };
+    words && !is_time() && !holds()
+}
+
+/// Refuses a title of another loop between samples, and a row of other units than the first: two tables in one file. Else whether the
+/// row is no sample.
 pub fn another_table(
     rows: &dyn Rows,
     layout: &Layout,
     line: u64,
     first: Option<&str>,
-) -> Result<(), TableError> {
-    let Body::Wide(wide) = &layout.body else { return Ok(()) };
+) -> Result<bool, TableError> {
+    let Body::Wide(wide) = &layout.body else { return Ok(is_no_sample(rows, layout)) };
     if let Some(own) = title(rows).filter(|own| first != Some(own.as_str())) {
         return Err(TableError::refused(format!(
             "line {line}: {} stands alone between samples, so that those below it are of another loop; save each loop as a file",
@@ -68,7 +93,7 @@ pub fn another_table(
             )));
         }
     }
-    Ok(())
+    Ok(is_no_sample(rows, layout))
 }
 
 /// A row of dashes below the header, as tools for databases print it.

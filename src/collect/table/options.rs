@@ -231,7 +231,8 @@ impl Options {
     }
 
     fn encoding(&self) -> Result<Option<&'static encoding_rs::Encoding>, Wrong> {
-        let right = "use a WHATWG encoding label, such as utf-8, windows-1250, shift_jis or gb18030";
+        let right = "use a WHATWG encoding label, such as utf-8, windows-1250, shift_jis or gb18030; of a text in another one name \
+                     columns by number, such as --op 2, or save it as UTF-8";
         understood("encoding", &self.encoding, right, |label| {
             encoding_rs::Encoding::for_label_no_replacement(label.as_bytes())
         })

@@ -93,6 +93,7 @@ pub fn look(rows: &[SeenRow], told: bool) -> Option<Result<Layout, TableError>> 
         clock: None,
         millis: None,
         time_unit: pairs.all[0].time_unit.clone(),
+        zone: None,
         body: Body::Long(body),
         pairs: Some(pairs),
     }))
@@ -214,18 +215,18 @@ fn pair(header: &[Seen], above: Option<&[Seen]>, time: usize, quality: Option<us
     }
     let said = behind.map(|name| name.plain().to_string()).unwrap_or_default();
     let unit = as_unit(text(header, value)).unwrap_or_default();
+    let of_value = |word: &str| [VALUES.as_slice(), vocabulary::VALUES].iter().any(|all| all.contains(&word));
     let is_name = |name: &&str| {
         let own = Name::new(name);
-        let is_value = [VALUES.as_slice(), vocabulary::VALUES].iter().any(|all| all.contains(&own.plain()));
-        !own.is_none() && !is_time(&own) && !is_value && as_unit(name).is_none()
+        !own.is_none() && !is_time(&own) && !of_value(own.plain()) && as_unit(name).is_none()
     };
     let places = [(Some(header), value), (Some(header), time), (above, time), (above, value)];
     let name = places.into_iter().filter_map(|(row, at)| Some(text(row?, at))).find(is_name)?;
     let stem = stem(text(header, time), name)?;
     let time_unit = Name::new(text(header, time)).unit_of_time();
-    // WinCC calls its columns `FIC101_OP Time` and `FIC101_OP ValueY`.
-    let of_value = |word: &str| vocabulary::VALUES.contains(&word.to_lowercase().as_str());
-    let name = name.rsplit_once(' ').filter(|(_, last)| of_value(last)).map_or(name, |(tag, _)| tag.trim());
+    // WinCC calls its columns `FIC101_OP Time` and `FIC101_OP ValueY`, in German `Zeit` and `Wert`.
+    let behind = name.rsplit_once(' ').filter(|(_, last)| of_value(&last.to_lowercase()));
+    let name = behind.map_or(name, |(tag, _)| tag.trim());
     let (name, unit) = (name.to_string(), unit.to_string());
     Some(Pair { name, unit, stem, time_unit, time, value, quality, said })
 }

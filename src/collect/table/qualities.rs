@@ -2,41 +2,145 @@
 
 use super::channel::{Channel, Tag};
 use super::error::{TableError, shown};
-use super::layout::{Body, Layout};
+use super::layout::{Body, Layout, Wide};
 use super::names::Name;
 use super::odd_rows::begins_with_a_word;
+use super::roles::Roles;
 use super::says::{is_alarm, is_bad_flag, is_good_flag, is_of_value};
 use super::source::{Cell, Rows};
-use super::vocabulary::SHORT_QUALITIES;
+use super::vocabulary::{QUALITIES, SHORT_QUALITIES};
 use super::words::{Words, means_blank};
 use crate::signal::Role;
 
 /// A column of quality, and the place of the value it speaks of among the values; `None` where it speaks of the row.
 pub type Quality = (usize, Option<usize>);
 
-/// The values that columns of quality named `says` belong to; the outer `None` is none of these values.
+/// Whether a column says by its name if a value is good; where the words of a name do not tell, the names beside it do.
+pub fn speaks(names: &[Name], at: usize) -> bool {
+    names[at].quality_of().is_some() || is_copy(names, at) || is_of_another(names, at)
+}
+
+/// Whether it has the name of a quality and of no value, or is the second of that name as pandas calls it: `Quality.1`.
+fn is_bare(names: &[Name], at: usize) -> bool {
+    names[at].quality_of().is_some_and(|of| of.is_empty()) || is_copy(names, at)
+}
+
+fn is_copy(names: &[Name], at: usize) -> bool {
+    let is_number = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+    let first = names[at].full.rsplit_once('.').filter(|(_, number)| is_number(number));
+    let is_bare = |name: &Name| name.quality_of().is_some_and(|of| of.is_empty());
+    first.is_some_and(|(first, _)| names.iter().any(|name| name.full == first && is_bare(name)))
+}
+
+/// Whether the name of another column stands behind a word of quality: `Status Flow` beside `Flow`.
+fn is_of_another(names: &[Name], at: usize) -> bool {
+    let long = QUALITIES.iter().filter(|word| !SHORT_QUALITIES.contains(word));
+    let mut values = long.filter_map(|word| names[at].plain().strip_prefix(*word)?.strip_prefix(' '));
+    values.any(|of| names.iter().any(|own| own.plain() == of && own.quality_of().is_none()))
+}
+
+/// The values that columns of quality named `says` belong to; the outer `None` is none of these values, or one that nobody can know.
 ///
 /// A name tells it: `pv_status`. One column without such a name speaks of the row. Several stand each behind its value, or each
-/// before it where the first of all stands before every value.
-pub fn owners(names: &[Name], says: &[usize], values: &[usize]) -> Vec<(usize, Option<Option<usize>>)> {
-    let of = |at: usize| names[at].quality_of().filter(|of| !of.is_empty());
-    let alone: Vec<usize> = says.iter().copied().filter(|at| of(*at).is_none()).collect();
-    let owner = |at: usize| match of(at) {
-        Some(of) => values.iter().copied().find(|c| names[*c].owns_quality(&of)).map(Some),
-        None if alone.len() == 1 => Some(None),
-        None => beside(at, &alone, values).map(Some),
+/// before it where the first of all stands before every value; so many together as there are values have their order.
+pub fn owners(
+    names: &[Name],
+    says: &[usize],
+    values: &[usize],
+    roles: &Roles,
+) -> Vec<(usize, Option<Option<usize>>)> {
+    let role = |at: usize| roles.get(at).copied().flatten();
+    let among = Among::new(names, values.to_vec(), &role);
+    let names_none = |at: &usize| is_bare(names, *at) && among.by_name(*at).is_none();
+    let alone: Vec<usize> = says.iter().copied().filter(names_none).collect();
+    let owner = |at: usize| match among.by_name(at) {
+        Some(value) => Some(Some(value)),
+        None if alone.contains(&at) => among.by_place(at, &alone),
+        None => None,
     };
     says.iter().map(|at| (*at, owner(*at))).collect()
 }
 
-/// The value beside a column of quality, one of several.
-fn beside(at: usize, all: &[usize], values: &[usize]) -> Option<usize> {
-    let first = all.iter().min() < values.iter().min();
-    let before = first && all.iter().max() < values.iter().max();
-    if before {
-        values.iter().copied().find(|value| *value > at)
-    } else {
-        values.iter().copied().rfind(|value| *value < at)
+/// Values among which columns of quality stand.
+struct Among<'a> {
+    names: &'a [Name],
+    values: Vec<usize>,
+    role: &'a dyn Fn(usize) -> Option<Role>,
+}
+
+impl<'a> Among<'a> {
+    fn new(names: &'a [Name], values: Vec<usize>, role: &'a dyn Fn(usize) -> Option<Role>) -> Self {
+        Self { names, values, role }
+    }
+
+    /// The value that the name of a column has; of several the one of the loop that is read.
+    fn by_name(&self, at: usize) -> Option<usize> {
+        let value = |of: &String| {
+            let own = self.values.iter().copied().filter(|value| self.names[*value].owns_quality(of));
+            own.min_by_key(|value| (self.names[*value].plain() != of, (self.role)(*value).is_none()))
+        };
+        self.names[at].values_of().iter().find_map(value)
+    }
+
+    /// The value that one of several columns without the name of one speaks of; the outer `None` is more than one that it may be.
+    fn by_place(&self, at: usize, alone: &[usize]) -> Option<Option<usize>> {
+        if let [_] = alone {
+            let nearest = self.nearest(at).filter(|_| self.names[at].is_none());
+            return Some(nearest);
+        }
+        // Columns that stand apart belong to the values between them, whatever they are called.
+        let apart = alone.windows(2).all(|pair| self.between(pair[0], pair[1]));
+        if apart && alone.iter().all(|own| self.beside(*own, alone).is_some()) {
+            return self.beside(at, alone).map(Some);
+        }
+        let stem = self.names[at].stem();
+        let alike: Vec<usize> = alone.iter().copied().filter(|own| self.names[*own].stem() == stem).collect();
+        if alike.len() == 1 { Some(None) } else { self.beside(at, &alike).map(Some) }
+    }
+
+    /// The values that are measured: a mode and the name of a device have no quality.
+    fn measured(&self) -> impl Iterator<Item = usize> {
+        self.values.iter().copied().filter(move |value| match (self.role)(*value) {
+            Some(role) => role != Role::Mode,
+            None => !self.names[*value].is_owner(),
+        })
+    }
+
+    /// Whether a value stands between two columns, the first of which is further left.
+    fn between(&self, left: usize, right: usize) -> bool {
+        self.measured().any(|value| left < value && value < right)
+    }
+
+    /// The value left of a column, or right where none is left.
+    fn nearest(&self, at: usize) -> Option<usize> {
+        let left = self.measured().filter(|value| *value < at).max();
+        left.or_else(|| self.measured().filter(|value| *value > at).min())
+    }
+
+    /// The value that a column speaks of, one of several that are alike; `None` where it may be more than one.
+    fn beside(&self, at: usize, all: &[usize]) -> Option<usize> {
+        let first = all.iter().copied().min() < self.measured().min();
+        let before = first && all.iter().copied().max() < self.measured().max();
+        let apart = |own: usize| self.between(own.min(at), own.max(at));
+        let together: Vec<usize> = all.iter().copied().filter(|own| !apart(*own)).collect();
+        let (left, right) = (*together.first()?, *together.last()?);
+        let mut values: Vec<usize> = if before {
+            let next = all.iter().copied().find(|own| *own > right).unwrap_or(usize::MAX);
+            self.measured().filter(|value| right < *value && *value < next).collect()
+        } else {
+            let last = all.iter().copied().rfind(|own| *own < left);
+            self.measured().filter(|value| *value < left && last.is_none_or(|last| last < *value)).collect()
+        };
+        if together.len() == values.len() {
+            return together.iter().position(|own| *own == at).map(|place| values[place]);
+        }
+        if before {
+            values.reverse();
+        }
+        // One behind several is that of the last, unless OP or PV would be left without.
+        let own = values.pop().filter(|_| together.len() == 1)?;
+        let is_needed = |value: &usize| matches!((self.role)(*value), Some(Role::Op | Role::Pv));
+        (!values.iter().any(is_needed)).then_some(own)
     }
 }
 
@@ -88,8 +192,8 @@ pub struct Others {
     columns: Vec<Other>,
     /// Rows counted.
     rows: u64,
-    /// Whether another column is known by its name to speak of quality.
-    any_known: bool,
+    /// Those that are known by their names to speak of quality.
+    known: Vec<Quality>,
 }
 
 impl Others {
@@ -112,7 +216,7 @@ impl Others {
             times: layout.names[at].is_none().then(|| Channel::new(Tag::default(), None, at + 1)),
         };
         let columns = (0..layout.names.len()).filter(|at| !used.contains(at)).map(other).collect();
-        Self { columns, rows: 0, any_known: !known.is_empty() }
+        Self { columns, rows: 0, known: known.to_vec() }
     }
 
     /// Counts a row whose time is `first`.
@@ -151,11 +255,14 @@ impl Others {
         told: Option<&[String]>,
     ) -> Result<Vec<(Quality, Words)>, TableError> {
         // `Good` speaks of the row and `PV_GOOD` of a value; `Batch valid` of neither.
-        let owned = |of: &str| !of.is_empty() && layout.names.iter().any(|value| value.owns_quality(of));
+        let owned = |of: &str| match &layout.body {
+            Body::Wide(wide) => wide.columns.iter().any(|at| layout.names[*at].owns_quality(of)),
+            Body::Long(_) => layout.names.iter().any(|value| value.owns_quality(of)),
+        };
         let of_a_value = |name: &Name| {
             let of = name.plain().rsplit_once(' ').map_or("", |(of, _)| of);
             let alone = !is_of_value(&name.full, true) && !is_of_value(&name.full, false);
-            alone && ["", "is"].contains(&of) || owned(of)
+            alone && ["", "is"].contains(&of) || name.values_of().iter().any(|of| owned(of))
         };
         let flag = |other: &Other| {
             let name = &layout.names[other.at];
@@ -163,16 +270,7 @@ impl Others {
             let says = bad || is_good_flag(&name.full) && of_a_value(name);
             says && other.words.are_flags()
         };
-        let control_loop: Option<String> = match &layout.body {
-            Body::Wide(wide) => {
-                let owner = |role: Role| {
-                    let at = wide.roles.iter().position(|own| *own == Some(role))?;
-                    Some(layout.names[wide.columns[at]].said()?.owner)
-                };
-                owner(Role::Op).or_else(|| owner(Role::Pv))
-            }
-            Body::Long(_) => None,
-        };
+        let control_loop = control_loop(layout);
         let alarm = |other: &Other| {
             let name = &layout.names[other.at];
             let of = name.plain().rsplit_once(' ').map_or("", |(of, _)| of);
@@ -181,63 +279,127 @@ impl Others {
             is_alarm(&name.full) && own && other.words.tell_open()
         };
         // Ovation writes a letter behind each value, and no name above it; others write `Q`.
-        let short = |name: &Name| name.is_none() || SHORT_QUALITIES.contains(&name.plain());
+        let short = |name: &Name| name.is_none() || SHORT_QUALITIES.contains(&name.stem());
         let letters = |other: &Other| short(&layout.names[other.at]) && other.words.are_letters_of_quality();
-        let speaks =
-            |other: &Other| other.words.speak_of_quality() || letters(other) || flag(other) || alarm(other);
+        // What is called a quality, and nobody could tell of which value, is not left out without a word.
+        let bare = |other: &Other| {
+            let is_any = other.words.rows() > 0 && !other.words.speak_of_mode();
+            is_any && matches!(layout.body, Body::Wide(_)) && is_bare(&layout.names, other.at)
+        };
+        // `FIC102.Quality` says nothing of FIC101.
+        let of_another = |other: &Other| {
+            let of = layout.names[other.at].quality_of().filter(|of| !of.is_empty());
+            let owners = || layout.names.iter().filter_map(|name| Some(name.said()?.owner));
+            of.is_some_and(|of| control_loop.as_ref() != Some(&of) && owners().any(|own| own == of))
+        };
+        let speaks = |other: &Other| {
+            let any = other.words.speak_of_quality() || letters(other) || flag(other) || alarm(other);
+            any && !of_another(other) || bare(other)
+        };
         let (mut found, others): (Vec<Other>, Vec<Other>) = self.columns.into_iter().partition(speaks);
         let loop_name = control_loop.as_deref().unwrap_or_default();
         let may_speak = |other: &Other| may_speak(other, &layout.names[other.at], self.rows, loop_name);
-        let (asked, others): (Vec<Other>, Vec<Other>) = others.into_iter().partition(may_speak);
-        // Where another column says how good values are, nobody is asked.
-        let sure = !found.is_empty() || self.any_known;
-        match told {
-            Some(told) => {
-                let meant = |other: &Other| other.words.any_of(told) || means_blank(told);
-                found.extend(asked.into_iter().filter(meant));
-                // Words that somebody tells may stand in columns of measurements, too: one column alone may be meant.
-                if found.is_empty() && !sure {
-                    found = others.into_iter().filter(|other| other.words.any_of(told)).collect();
-                    found.truncate(if found.len() == 1 { 1 } else { 0 });
-                }
-            }
-            None => {
-                if let Some(other) = asked.first().filter(|_| !sure) {
-                    return Err(doubt(other, layout));
-                }
+        let (mut asked, others): (Vec<Other>, Vec<Other>) = others.into_iter().partition(may_speak);
+        let sure = !found.is_empty() || !self.known.is_empty();
+        if let Some(told) = told {
+            let meant = |other: &Other| other.words.any_of(told) || means_blank(told);
+            found.extend(std::mem::take(&mut asked).into_iter().filter(meant));
+            // Words that somebody tells may stand in columns of measurements, too: one column alone may be meant.
+            if found.is_empty() && !sure {
+                found = others.into_iter().filter(|other| other.words.any_of(told)).collect();
+                found.truncate(if found.len() == 1 { 1 } else { 0 });
             }
         }
         let Body::Wide(wide) = &layout.body else {
-            return Ok(found.into_iter().map(|other| ((other.at, None), other.words)).collect());
+            // Where another column says how good values are, nobody is asked.
+            return match asked.first().filter(|_| !sure) {
+                Some(other) => Err(doubt(other, layout)),
+                None => Ok(found.into_iter().map(|other| ((other.at, None), other.words)).collect()),
+            };
         };
-        let says: Vec<usize> = found.iter().map(|other| other.at).collect();
-        // Of a column that speaks of quality nothing is measured.
-        let values: Vec<usize> = wide.columns.iter().copied().filter(|at| !says.contains(at)).collect();
-        let by_name = |at: usize| {
-            let of = layout.names[at].plain().rsplit_once(' ')?.0;
-            values.iter().copied().find(|value| layout.names[*value].owns_quality(of))
+        let owned = placed(&found, &asked, wide, layout, self.rows)?;
+        // Where another column says how good the same value is, nobody is asked.
+        let known: Vec<Option<usize>> = self
+            .known
+            .iter()
+            .map(|(_, of)| of.map(|place| wide.columns[place]))
+            .chain(owned.iter().copied())
+            .collect();
+        let role = role_in(wide);
+        let says: Vec<usize> = found.iter().chain(&asked).map(|other| other.at).collect();
+        let among = Among::new(&layout.names, values(wide, &says), &role);
+        let is_known = |other: &Other| {
+            let value = among.by_name(other.at).or_else(|| among.nearest(other.at));
+            known.iter().any(|own| own.is_none() || *own == value)
         };
-        let of_row = |at: usize| is_alarm(&layout.names[at].full);
-        let alone: Vec<usize> =
-            says.iter().copied().filter(|at| by_name(*at).is_none() && !of_row(*at)).collect();
-        let unknown = |at: usize| {
-            TableError::refused(format!(
-                "column {} ({:?}) tells good from bad, of which value nobody knows; call it such as \"pv_status\"",
-                at + 1,
-                layout.names[at].full
-            ))
-        };
-        let owner = |at: usize| match by_name(at) {
-            Some(value) => Ok(Some(value)),
-            None if of_row(at) => Ok(None),
-            None if alone.len() == 1 && !layout.names[at].is_none() => Ok(None),
-            None => beside(at, &alone, &values).map(Some).ok_or_else(|| unknown(at)),
-        };
+        if let Some(other) = asked.iter().find(|other| !is_known(other)) {
+            return Err(doubt(other, layout));
+        }
         let place = |value: usize| wide.columns.iter().position(|at| *at == value);
-        let each = found.into_iter().map(|other| {
-            let value = owner(other.at)?;
-            Ok(((other.at, value.and_then(place)), other.words))
-        });
-        each.collect()
+        let each = found.into_iter().zip(owned);
+        Ok(each.map(|(other, value)| ((other.at, value.and_then(place)), other.words)).collect())
     }
+}
+
+/// The loop of OP or PV by its name, where each has a column.
+fn control_loop(layout: &Layout) -> Option<String> {
+    let Body::Wide(wide) = &layout.body else { return None };
+    let owner = |role: Role| {
+        let at = wide.roles.iter().position(|own| *own == Some(role))?;
+        Some(layout.names[wide.columns[at]].said()?.owner)
+    };
+    owner(Role::Op).or_else(|| owner(Role::Pv))
+}
+
+/// The role of a column.
+fn role_in(wide: &Wide) -> impl Fn(usize) -> Option<Role> {
+    move |at| {
+        wide.columns.iter().zip(&wide.roles).find(|(column, _)| **column == at).and_then(|(_, role)| *role)
+    }
+}
+
+/// The values of a table: of a column that speaks of quality nothing is measured.
+fn values(wide: &Wide, says: &[usize]) -> Vec<usize> {
+    wide.columns.iter().copied().filter(|at| !says.contains(at)).collect()
+}
+
+/// The value that each of `found` speaks of, `None` for the row. Those that are only `asked` about may stand among them.
+///
+/// # Errors
+/// One of which nobody can know it.
+fn placed(
+    found: &[Other],
+    asked: &[Other],
+    wide: &Wide,
+    layout: &Layout,
+    rows: u64,
+) -> Result<Vec<Option<usize>>, TableError> {
+    let mut says: Vec<usize> = found.iter().chain(asked).map(|other| other.at).collect();
+    says.sort_unstable();
+    let role = role_in(wide);
+    let among = Among::new(&layout.names, values(wide, &says), &role);
+    let own_loop = control_loop(layout);
+    let of_row = |at: usize| {
+        let of = layout.names[at].quality_of().filter(|of| !of.is_empty());
+        is_alarm(&layout.names[at].full) || of.is_some() && of == own_loop
+    };
+    let alone: Vec<usize> =
+        says.iter().copied().filter(|at| among.by_name(*at).is_none() && !of_row(*at)).collect();
+    let owner = |other: &Other| match among.by_name(other.at) {
+        Some(value) => Ok(Some(value)),
+        None if of_row(other.at) => Ok(None),
+        None => match among.by_place(other.at, &alone) {
+            Some(owner) => Ok(owner),
+            // Where every value is good it does not matter whose they are.
+            None if other.words.rows() >= rows && other.words.are_all_good(&layout.names[other.at].full) => {
+                Ok(None)
+            }
+            None => Err(TableError::refused(format!(
+                "column {} ({:?}) tells good from bad, of which value nobody knows; call it such as \"pv_status\"",
+                other.at + 1,
+                layout.names[other.at].full
+            ))),
+        },
+    };
+    found.iter().map(owner).collect()
 }

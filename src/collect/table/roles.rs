@@ -29,6 +29,16 @@ struct Candidate {
 
 /// Gives each name its role. `number` is what messages and options count columns from 1 by; a tag of a long table has none.
 pub fn roles(names: &[Name], options: &Options, numbered: bool) -> Result<Roles, Trouble> {
+    let (found, missing) = as_far_as_there(names, options, numbered)?;
+    if missing.is_empty() { Ok(found) } else { Err(Trouble::Missing(missing)) }
+}
+
+/// The role of each name, and those that a record needs and that none has.
+pub fn as_far_as_there(
+    names: &[Name],
+    options: &Options,
+    numbered: bool,
+) -> Result<(Roles, Vec<&'static str>), Trouble> {
     let mut found: Roles = vec![None; names.len()];
     for role in ROLES {
         if let Some(wanted) = options.column(role.as_str()) {
@@ -76,23 +86,41 @@ pub fn roles(names: &[Name], options: &Options, numbered: bool) -> Result<Roles,
         let is_mv = |c: &&mut Candidate| c.role == Role::Mv && says(c, "mv") && !says(c, "stem");
         candidates.iter_mut().filter(is_mv).for_each(|c| c.role = Role::Op);
     }
+    let owner_of = |role: Role| {
+        let at = found.iter().position(|own| *own == Some(role))?;
+        names[at].said().map(|said| said.owner)
+    };
+    let told = [owner_of(Role::Op), owner_of(Role::Pv)];
+    let seen = Seen { names, candidates: &candidates, told: &told, numbered, wanted: wanted.is_some() };
     let mut owner = None;
     for role in ROLES {
         if found.contains(&Some(role)) {
             continue;
         }
         let needed = matches!(role, Role::Op | Role::Pv);
-        if let Some(at) = choose(names, &candidates, role, needed, &mut owner)? {
+        if let Some(at) = choose(&seen, role, needed, &mut owner)? {
             found[at] = Some(role);
         }
     }
     let missing = [Role::Op, Role::Pv].into_iter().filter(|role| !found.contains(&Some(*role)));
     let missing: Vec<&str> = missing.map(Role::as_str).collect();
-    if missing.is_empty() { Ok(found) } else { Err(Trouble::Missing(missing)) }
+    Ok((found, missing))
+}
+
+/// What a role is chosen from.
+struct Seen<'s> {
+    names: &'s [Name],
+    candidates: &'s [Candidate],
+    /// The loops of OP and of PV, where options name these.
+    told: &'s [Option<String>; 2],
+    /// Whether names stand over columns, which have numbers.
+    numbered: bool,
+    /// Whether somebody wants one loop, so that all candidates are of it.
+    wanted: bool,
 }
 
 /// Whether a loop's name is that of a path, or its last part: `fic101` of `server fic101`, and of `fic101 pid1`.
-fn owns(own: &str, path: &str) -> bool {
+pub fn owns(own: &str, path: &str) -> bool {
     path == own
         || path.strip_suffix(own).is_some_and(|p| p.ends_with(' '))
         || path.strip_prefix(own).is_some_and(|p| p.starts_with(' '))
@@ -110,7 +138,15 @@ fn before<'p>(path: &'p str, tag: &str) -> &'p str {
     begins.rev().find(|at| compact(*at)).map_or("", |at| path[..at].trim_end())
 }
 
-fn second_column(names: &[Name], (first, second): (usize, usize), role: Role) -> Trouble {
+fn second_column(seen: &Seen<'_>, (first, second): (usize, usize), role: Role) -> Trouble {
+    let names = seen.names;
+    if !seen.numbered {
+        let both = listed([first, second].map(|at| names[at].full.as_str()));
+        let role = role.as_str();
+        return Trouble::Refused(TableError::refused(format!(
+            "{both} may each be {role}; say which with --{role} NAME"
+        )));
+    }
     Trouble::Refused(TableError::refused(format!(
         "column {0}: {1:?} is the second column for {2} (after column {3}); say which with --{2}",
         second + 1,
@@ -122,27 +158,31 @@ fn second_column(names: &[Name], (first, second): (usize, usize), role: Role) ->
 
 /// The one candidate for a role, and the loop it belongs to.
 fn choose(
-    names: &[Name],
-    candidates: &[Candidate],
+    seen: &Seen<'_>,
     role: Role,
     needed: bool,
     owner: &mut Option<String>,
 ) -> Result<Option<usize>, Trouble> {
+    let Seen { names, candidates, told, .. } = *seen;
     let of = |role: Role| candidates.iter().filter(move |c| c.role == role);
     let plain: Vec<&Candidate> = of(role).filter(|c| c.owner.is_empty()).collect();
     if let [first, second, ..] = plain.as_slice() {
-        return Err(second_column(names, (first.at, second.at), role));
+        return Err(second_column(seen, (first.at, second.at), role));
     }
     if let [one] = plain.as_slice() {
         // pandas calls the second of two columns of one name so.
         let copy = format!("{}.1", names[one.at].full);
         if let Some(second) = names.iter().position(|name| name.full == copy) {
-            return Err(second_column(names, (one.at, second), role));
+            return Err(second_column(seen, (one.at, second), role));
         }
         owner.get_or_insert_default();
         return Ok(Some(one.at));
     }
     let mut left: Vec<&Candidate> = of(role).collect();
+    // The set point of a controller that has a name is none of a bare OP and PV.
+    if !needed && !seen.wanted && owner.as_ref().is_some_and(String::is_empty) {
+        left.retain(|c| controller(&c.owner).is_none());
+    }
     if let Some(owner) = owner.as_ref().filter(|owner| !owner.is_empty()) {
         // The set point of another loop is none of this one.
         let same: Vec<&Candidate> = left.iter().copied().filter(|c| c.owner == *owner).collect();
@@ -151,7 +191,11 @@ fn choose(
         }
     } else if left.len() > 1 {
         // Of several, the loop that has both OP and PV.
-        let owners = |role| of(role).map(|c| c.owner.as_str()).collect::<BTreeSet<_>>();
+        let owners = |role: Role| {
+            let place = [Role::Op, Role::Pv].iter().position(|own| *own == role);
+            let told = place.and_then(|at| told[at].as_deref());
+            of(role).map(|c| c.owner.as_str()).chain(told).collect::<BTreeSet<_>>()
+        };
         let both: Vec<&str> = owners(Role::Op).intersection(&owners(Role::Pv)).copied().collect();
         if let [own] = both.as_slice() {
             left.retain(|c| c.owner == *own);
@@ -176,10 +220,12 @@ fn choose(
             }
             Ok(Some(one.at))
         }
-        _ if !needed => Ok(None),
+        // A record whose mode is left out has samples in manual.
+        _ if !needed && role != Role::Mode => Ok(None),
         several => {
             let of = listed(several.iter().map(|c| names[c.at].full.as_str()));
             let role = role.as_str();
+            let or = if needed { "or " } else { "that none is with --mode none, or " };
             let same = |c: &&Candidate| names[c.at].full == names[several[0].at].full;
             Err(Trouble::Refused(TableError::refused(match several.iter().all(same) {
                 true => {
@@ -192,7 +238,7 @@ fn choose(
                 }
                 false => {
                     format!(
-                        "{of} may each be {role}; say which with --{role} NAME, or which loop with --loop"
+                        "{of} may each be {role}; say which with --{role} NAME, {or}which loop with --loop"
                     )
                 }
             })))
@@ -266,6 +312,8 @@ mod tests {
             (&["FIC101.OP", "FIC101.PV", "TI205.PV"], "op=FIC101.OP pv=FIC101.PV"),
             (&["FIC101.OP", "FIC101.PV", "FIC102.SP"], "op=FIC101.OP pv=FIC101.PV"),
             (&["op", "pv", "TI205.PV", "FIC102.OP"], "op=op pv=pv"),
+            (&["OP", "PV", "TIC205.SP", "TIC205.MODE"], "op=OP pv=PV"),
+            (&["OP", "FIC101.PV", "FIC101.SP"], "op=OP pv=FIC101.PV sp=FIC101.SP"),
             (&["FIC101/PID1/OUT.CV", "FT101/AI1/PV.CV"], "op=FIC101/PID1/OUT.CV pv=FT101/AI1/PV.CV"),
             (&["OP %", "pv_status", "PV degC"], "op=OP % pv=PV degC"),
             (&["FV-101.OP", "FIC-102.PV"], "op=FV-101.OP pv=FIC-102.PV"),
@@ -282,8 +330,13 @@ mod tests {
         let two = ["FIC101.OP", "FIC101.PV", "FIC102.OP", "FIC102.PV"];
         let one = Options { of_loop: Some("FIC102".into()), ..Options::default() };
         assert_eq!(pairs(of(&two, &one)), "op=FIC102.OP pv=FIC102.PV");
+        let bare = ["OP", "PV", "FIC102.SP", "TIC205.SP"];
+        assert_eq!(pairs(of(&bare, &one)), "op=OP pv=PV sp=FIC102.SP");
         let named = Options { op: Some("valve".into()), pv: Some("2".into()), ..Options::default() };
         assert_eq!(pairs(of(&["Valve", "flow", "pv"], &named)), "op=Valve pv=flow");
+        let named = Options { op: Some("FIC102.OP".into()), pv: Some("FIC102.PV".into()), ..plain.clone() };
+        let modes = [&two[..], &["FIC101.MODE", "FIC102.MODE"]].concat();
+        assert_eq!(pairs(of(&modes, &named)), "op=FIC102.OP pv=FIC102.PV mode=FIC102.MODE");
     }
 
     #[test]
@@ -300,6 +353,8 @@ mod tests {
                 .contains("\"OP\" is the second column for op (after column 1)")
         );
         assert_eq!(refused(&["flow", "pv"], &plain), "no op");
+        let bits = ["FIC101.OP", "FIC101.PV", "FIC101.AUTO", "FIC101.MAN"];
+        assert!(refused(&bits, &plain).contains("may each be mode; say which with --mode NAME"));
         for pv in ["FIC102.PV", "TIC-101.PV", "FIC101B.PV", "Unit1/FIC_102/PV"] {
             let said = refused(&["FIC101.OP", pv], &plain);
             assert!(said.contains("the other columns are of FIC101: if they are one loop"), "{said}");

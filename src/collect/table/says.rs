@@ -16,14 +16,14 @@ pub enum Says {
     Flag(bool),
     /// In words; whether a blank cell is good, as where only what is bad is written.
     Words(bool),
-    /// As OPC DA numbers it: 192 and above is good, 64 to 127 uncertain.
+    /// As OPC DA numbers it: 192 and above is good, 64 to 127 uncertain, and none is from 128 to 191.
     OpcDa,
     /// As OPC UA numbers it: severity in the two highest of 32 bits.
     OpcUa,
 }
 
 /// Words of a good value.
-const GOOD: [&str; 29] = [
+const GOOD: [&str; 30] = [
     "good",
     "ok",
     "normal",
@@ -39,6 +39,7 @@ const GOOD: [&str; 29] = [
     "192",
     "goodnonspecific",
     "bon",
+    "bonne",
     "buena",
     "bueno",
     "god",
@@ -55,9 +56,9 @@ const GOOD: [&str; 29] = [
     "양호",
 ];
 /// Words of one that is repeated, or of which the source is not sure.
-const UNSURE: [&str; 6] = ["stale", "uncertain", "questionable", "substituted", "u", "old"];
+const UNSURE: [&str; 7] = ["stale", "uncertain", "questionable", "substituted", "u", "old", "fair"];
 /// Words of a bad one.
-const BAD: [&str; 34] = [
+const BAD: [&str; 36] = [
     "fault",
     "faulty",
     "defekt",
@@ -77,6 +78,8 @@ const BAD: [&str; 34] = [
     "timeout",
     "schlecht",
     "mauvais",
+    "mauvaise",
+    "poor",
     "mala",
     "malo",
     "dålig",
@@ -97,17 +100,41 @@ const BAD: [&str; 34] = [
 /// Words of a flag that is not set, and of one that is.
 const FLAGS: [[&str; 5]; 2] = [["0", "false", "no", "n", "off"], ["1", "true", "yes", "y", "on"]];
 /// Names of flags that are set where a value is bad.
-const BAD_FLAGS: [&str; 7] = ["bad", "isbad", "badpv", "badpvfl", "questionable", "invalid", "substituted"];
+const BAD_FLAGS: [&str; 12] = [
+    "bad",
+    "isbad",
+    "badpv",
+    "badpvfl",
+    "pvbad",
+    "opbad",
+    "badop",
+    "iobad",
+    "badquality",
+    "questionable",
+    "invalid",
+    "substituted",
+];
 /// Names of flags that are set where a value is good.
 const GOOD_FLAGS: [&str; 4] = ["good", "isgood", "valid", "isvalid"];
-/// Last words of flags that say nothing unless the name of a value stands before them, `PV_FAULT` and `PV_OK`: set where it is bad,
-/// and where it is good.
+/// Words of flags that say nothing unless the name of a value stands beside them, `PV_FAULT` and `PV_OK`: set where it is bad, and
+/// where it is good.
 const OF_VALUES: [[&str; 3]; 2] = [["fault", "err", "error"], ["ok", "vld", "healthy"]];
+
+/// The words of a name, in small letters.
+fn words_of(name: &str) -> Vec<String> {
+    let small = name.to_lowercase();
+    let words = small.split(|c: char| !c.is_alphanumeric()).filter(|part| !part.is_empty());
+    words.map(str::to_string).collect()
+}
 
 /// The last word of a name.
 fn last_word(name: &str) -> String {
-    let small = name.trim().to_lowercase();
-    small.rsplit(|c: char| !c.is_alphanumeric()).find(|part| !part.is_empty()).unwrap_or("").to_string()
+    words_of(name).pop().unwrap_or_default()
+}
+
+/// Whether a name ends with this word and `quality`: `pv_bad_quality`.
+fn is_kind_of_quality(words: &[String], kind: &str) -> bool {
+    matches!(words, [.., own, quality] if own == kind && quality == "quality")
 }
 
 /// Names of a loop's alarms.
@@ -131,20 +158,28 @@ fn is_percent_good(name: &str) -> bool {
     ["percentgood", "percent good", "pctgood", "pct good", "% good"].iter().any(|own| small.ends_with(own))
 }
 
-/// Whether a column of this name holds a flag that is set where a value is bad: `PV_BAD`, `Questionable`.
+/// Whether a column of this name holds a flag that is set where a value is bad: `PV_BAD`, `Bad_PV`, `Questionable`.
 pub fn is_bad_flag(name: &str) -> bool {
-    let bad_pv = name.trim().to_lowercase().starts_with("bad ");
-    bad_pv || BAD_FLAGS.contains(&last_word(name).as_str()) || is_of_value(name, false)
+    let words = words_of(name);
+    let begins = words.len() > 1 && words[0] == "bad";
+    let ends = words.last().is_some_and(|word| BAD_FLAGS.contains(&word.as_str()));
+    begins || ends || is_kind_of_quality(&words, "bad") || is_of_value(name, false)
 }
 
-/// Whether a name ends with a word that speaks of the value before it alone.
+/// Whether a name has a flag that speaks of the value beside it alone: at its end, or any flag before the value, `Valid_PV`.
 pub fn is_of_value(name: &str, good: bool) -> bool {
-    OF_VALUES[usize::from(good)].contains(&last_word(name).as_str())
+    let words = words_of(name);
+    let of_value = |word: &String| OF_VALUES[usize::from(good)].contains(&word.as_str());
+    let flags: &[&str] = if good { &GOOD_FLAGS } else { &BAD_FLAGS };
+    let before = |word: &String| of_value(word) || flags.contains(&word.as_str()) && word != "bad";
+    words.last().is_some_and(of_value) || words.len() > 1 && words.first().is_some_and(before)
 }
 
-/// Whether a column of this name holds a flag that is set where a value is good: `PV_GOOD`, `IsValid`.
+/// Whether a column of this name holds a flag that is set where a value is good: `PV_GOOD`, `Valid_PV`, `IsValid`.
 pub fn is_good_flag(name: &str) -> bool {
-    GOOD_FLAGS.contains(&last_word(name).as_str()) || is_of_value(name, true)
+    let words = words_of(name);
+    let ends = words.last().is_some_and(|word| GOOD_FLAGS.contains(&word.as_str()));
+    ends || is_kind_of_quality(&words, "good") || is_of_value(name, true)
 }
 
 /// How words begin that say nothing but how good a value is.
@@ -161,6 +196,13 @@ const UNMISTAKABLE: [&str; 11] = [
     "buen",
     "良",
 ];
+/// Other words behind a number that are no unit of it.
+const NO_UNITS: [&str; 9] = ["ok", "nok", "fail", "failed", "fault", "stale", "poor", "fair", "error"];
+/// Letters by which Emerson's Ovation says that a value is good, and those of what is not: fair, poor and bad. Others have `U` for
+/// uncertain. Fair is a value that was entered or taken from elsewhere, so that no transmitter measured it.
+const LETTER_OF_GOOD: &str = "g";
+/// See [`LETTER_OF_GOOD`].
+const LETTERS: [&str; 4] = ["b", "f", "p", "u"];
 /// Numbers that OPC DA has for quality: good, uncertain and bad, with and without their reasons.
 const OPC_DA: [f64; 15] =
     [0.0, 4.0, 8.0, 12.0, 16.0, 20.0, 24.0, 28.0, 64.0, 68.0, 80.0, 84.0, 88.0, 192.0, 216.0];
@@ -177,6 +219,44 @@ fn is_known(word: &str) -> bool {
         || [&GOOD[..], &UNSURE, &BAD].iter().any(|names| names.contains(&first))
         || ["good", "bad", "uncertain"].iter().any(|own| first.starts_with(own))
         || behind_comma(word).is_some()
+}
+
+/// A word as a number of quality, also as programs write its bits: `0xC0`, `16#80`.
+fn code(word: &str) -> Option<f64> {
+    let bits = || word.strip_prefix("0x").or_else(|| word.strip_prefix("16#"));
+    let hex = || u32::from_str_radix(bits()?, 16).ok().map(f64::from);
+    word.parse().ok().or_else(hex)
+}
+
+/// Whether a number of quality has the bits `10`, which OPC DA does not know: they are good in PROFIBUS and FOUNDATION Fieldbus.
+fn is_of_a_fieldbus(number: f64) -> bool {
+    (128.0..65_536.0).contains(&number) && number as u64 & 0xc0 == 0x80
+}
+
+/// What stands behind a number, as its unit and the quality that it says: `51.2 Bad`, `51.2 % Bad`. Single letters may be units, `g` is
+/// one, so that `letters` has to tell that they are none.
+pub fn behind_number(unit: &str, letters: bool) -> (&str, Option<Quality>) {
+    let says = |word: &str| {
+        let small = word.to_lowercase();
+        let letter = letters && (small == LETTER_OF_GOOD || LETTERS.contains(&small.as_str()));
+        let plain =
+            UNMISTAKABLE.iter().any(|own| small.starts_with(own)) || NO_UNITS.contains(&small.as_str());
+        (letter || plain).then(|| quality_of(&small))
+    };
+    if let Some(quality) = says(unit) {
+        return ("", Some(quality));
+    }
+    let last = unit.rsplit_once(char::is_whitespace);
+    match last.and_then(|(own, word)| Some((own.trim_end(), says(word)?))) {
+        Some((own, quality)) => (own, Some(quality)),
+        None => (unit, None),
+    }
+}
+
+/// Whether of the units of one tag most are `G` and some another letter of quality: then they are none.
+pub fn are_letters<'u>(units: impl Iterator<Item = &'u str>, most: &str) -> bool {
+    let mut others = units.map(str::to_lowercase);
+    most.to_lowercase() == LETTER_OF_GOOD && others.any(|unit| LETTERS.contains(&unit.as_str()))
 }
 
 /// What OPC HDA says behind where a value comes from: `Raw, Good`.
@@ -212,15 +292,33 @@ impl Words {
             self.counts.iter().filter(|(word, _)| of(word)).map(|(_, count)| *count).sum()
         };
         let all = rows(&|_| true);
-        if let Some(numbers) = self.numbers() {
-            let good = rows(&|word| word.parse().is_ok_and(|n: f64| (192.0..220.0).contains(&n)));
-            let zero = rows(&|word| word == "0");
+        if let Some(numbers) = self.codes() {
+            let good = rows(&|word| code(word).is_some_and(|n| (192.0..220.0).contains(&n)));
+            let zero = rows(&|word| code(word) == Some(0.0));
             let da = numbers.iter().all(|n| OPC_DA.contains(n)) && good * 2 > all && good < all;
             let severe = |n: &f64| *n == 0.0 || (OPC_UA..4.0 * OPC_UA).contains(n) && n.fract() == 0.0;
             return da || numbers.iter().all(severe) && zero * 2 > all && zero < all;
         }
         let plain = rows(&|word| UNMISTAKABLE.iter().any(|own| first_word(word).starts_with(own)));
         plain * 2 > all || plain > 0 && self.counts.iter().all(|(word, _)| is_known(word))
+    }
+
+    /// The numbers of quality that they are; `None` where one is none.
+    fn codes(&self) -> Option<Vec<f64>> {
+        self.counts.iter().map(|(word, _)| code(word)).collect()
+    }
+
+    /// Whether they are numbers of 32 bits, written out as such: those of OPC UA, `0x00000000`.
+    fn are_of_32_bits(&self) -> bool {
+        let digits = |word: &str| word.strip_prefix("0x").or_else(|| word.strip_prefix("16#")).map(str::len);
+        !self.counts.is_empty() && self.counts.iter().all(|(word, _)| digits(word) == Some(8))
+    }
+
+    /// Whether none of them is bad under this name, so that it does not matter which value they speak of.
+    pub fn are_all_good(&self, name: &str) -> bool {
+        let good =
+            |says: &Says| self.counts.iter().all(|(word, _)| says.quality(&Cell::Text(word)).is_good());
+        !self.more && Says::decide(self, None, name).is_ok_and(|says| says.is_some_and(|says| good(&says)))
     }
 
     /// Whether they may tell good values from others, by words that mean other things as well: all are known, most rows are good and
@@ -251,9 +349,10 @@ impl Words {
 
     /// Whether they are letters, `G` for good in most rows and others for what is not.
     pub fn are_letters_of_quality(&self) -> bool {
-        let good = self.counts.iter().find(|(word, _)| word == "g").map_or(0, |(_, count)| *count);
+        let good = self.counts.iter().find(|(word, _)| word == LETTER_OF_GOOD).map_or(0, |(_, count)| *count);
         let all: u64 = self.counts.iter().map(|(_, count)| count).sum();
-        let letters = self.counts.iter().all(|(word, _)| word.len() == 1 && is_known(word));
+        let is_letter = |word: &str| word.len() == 1 && (is_known(word) || LETTERS.contains(&word));
+        let letters = self.counts.iter().all(|(word, _)| is_letter(word));
         !self.more && letters && good * 2 > all
     }
 
@@ -293,10 +392,11 @@ impl Says {
         if words.counts.is_empty() {
             return Ok(None);
         }
-        if let Some(numbers) = words.numbers() {
+        if let Some(numbers) = words.codes() {
             let da = |n: &f64| n.fract() == 0.0 && (0.0..65_536.0).contains(n);
             // Above 255 a vendor's number may have the bits of good without being so: Ignition's 500 is bad.
-            let doubtful = numbers.iter().any(|n| *n > 255.0 && da(n) && *n as u64 & 0xc0 == 0xc0);
+            let doubtful = numbers.iter().any(|n| *n > 255.0 && da(n) && *n as u64 & 0xc0 == 0xc0)
+                || numbers.iter().any(|n| is_of_a_fieldbus(*n));
             // 0 is bad in one numbering and good in the other: another number has to say which it is.
             return if doubtful {
                 doubt()
@@ -311,7 +411,7 @@ impl Says {
                 Ok(Some(Says::Told(vec!["100".into()])))
             } else if numbers.iter().any(|n| (192.0..256.0).contains(n)) && numbers.iter().all(da) {
                 Ok(Some(Says::OpcDa))
-            } else if numbers.iter().any(|n| *n >= f64::from(0x4000_0000u32))
+            } else if (numbers.iter().any(|n| *n >= f64::from(0x4000_0000u32)) || words.are_of_32_bits())
                 && numbers.iter().all(|n| *n >= 0.0)
             {
                 Ok(Some(Says::OpcUa))
@@ -335,7 +435,7 @@ impl Says {
     pub fn quality(&self, cell: &Cell<'_>) -> Quality {
         let bad = Quality::Bad(BadReason::DeviceException);
         let word = word(cell);
-        let number = || word.parse::<f64>().ok().filter(|n| *n >= 0.0 && n.fract() == 0.0).map(|n| n as u64);
+        let number = || code(&word).filter(|n| *n >= 0.0 && n.fract() == 0.0).map(|n| n as u64);
         match self {
             Says::Told(good) if good.contains(&word) => Quality::Good,
             Says::Told(_) => bad,
@@ -366,34 +466,4 @@ impl Says {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn of(cells: &[&str]) -> Words {
-        let mut words = Words::default();
-        cells.iter().for_each(|cell| words.add(&Cell::Text(cell)));
-        words
-    }
-
-    #[test]
-    fn qualities_are_those_of_opc_or_words() {
-        let bad = Quality::Bad(BadReason::DeviceException);
-        let says = |cells: &[&str]| Says::decide(&of(cells), None, "q").map_err(|error| error.to_string());
-        let da = says(&["192", "0", "64"]).expect("OPC DA").expect("some");
-        assert_eq!(
-            ["192", "216", "64", "0"].map(|q| da.quality(&Cell::Text(q))),
-            [Quality::Good, Quality::Good, Quality::Stale, bad]
-        );
-        let ua = says(&["0", "2147483648"]).expect("OPC UA").expect("some");
-        assert_eq!([0.0, 2_147_483_648.0].map(|q| ua.quality(&Cell::Number(q))), [Quality::Good, bad]);
-        let words = says(&["Good", "Bad - no comm"]).expect("words").expect("some");
-        assert_eq!(
-            ["Good [192]", "GoodNonCascade", "Uncertain", "Bad - no comm", "I/O Timeout", "bad:timeout"]
-                .map(|q| words.quality(&Cell::Text(q))),
-            [Quality::Good, Quality::Good, Quality::Stale, bad, bad, Quality::Bad(BadReason::Timeout)]
-        );
-        assert!(says(&["0", "0"]).expect_err("a doubt").contains("--good-values"));
-        assert!(says(&["0", "1"]).expect_err("a doubt").contains("--good-values"));
-        assert!(says(&["running"]).expect_err("a doubt").contains("--good-values"));
-    }
-}
+mod tests;

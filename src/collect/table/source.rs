@@ -89,6 +89,13 @@ pub enum Cell<'a> {
 }
 
 impl Cell<'_> {
+    /// Whether a row that begins with it is a comment.
+    pub fn is_comment(&self) -> bool {
+        // `########` is a time that a spreadsheet had no room for.
+        let narrow = |text: &str| text.trim().len() >= 4 && text.trim().trim_matches('#').is_empty();
+        matches!(self, Cell::Text(text) if text.trim_start().starts_with('#') && !narrow(text))
+    }
+
     /// Whether nothing stands in it.
     pub fn is_blank(&self) -> bool {
         match self {
@@ -135,12 +142,13 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// Which kind it is.
+    /// Which kind it is; of the sheets of a workbook one may be the only record.
     pub fn of(
         source: Source<'_>,
         head: &[u8],
         sheet: Option<&str>,
         encoding: Option<&'static encoding_rs::Encoding>,
+        of_record: bool,
     ) -> Result<Self, TableError> {
         if head.starts_with(kinds::PARQUET) {
             match source.is_packed()? {
@@ -148,7 +156,7 @@ impl Kind {
                 false => Ok(Kind::Parquet),
             }
         } else if head.starts_with(kinds::ZIP) || head.starts_with(kinds::OLE) {
-            Ok(Kind::Sheet(workbook::read(source, sheet)?))
+            Ok(Kind::Sheet(workbook::read(source, sheet, of_record)?))
         } else {
             kinds::refuse(head)?;
             Ok(Kind::Text(text::encoding(head, encoding)?))

@@ -145,7 +145,7 @@ pub fn scan(cell: &str) -> Option<Stamp> {
         return scan(before).filter(|stamp| stamp.offset.is_some());
     }
     // Shorter is no stamp, longer is prose.
-    if !(3..=48).contains(&cell.len()) || !cell.bytes().any(|byte| byte.is_ascii_digit()) {
+    if !(3..=64).contains(&cell.len()) || !cell.bytes().any(|byte| byte.is_ascii_digit()) {
         return None;
     }
     let divided;

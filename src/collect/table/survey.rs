@@ -8,6 +8,7 @@ use super::error::{TableError, listed};
 use super::evidence;
 use super::joined::{self, Joined};
 use super::layout::{Body, Layout, Long, Wide};
+use super::loops;
 use super::names::{Meaning, Name};
 use super::number::Decimal;
 use super::odd_rows::{
@@ -17,13 +18,15 @@ use super::options::{Options, Told};
 use super::owner::Owner;
 use super::qualities::{Others, Quality};
 use super::repeats::Repeats;
-use super::roles::{Trouble, roles};
+use super::rests::Rests;
 use super::says::Says;
 use super::source::{Kind, Rows, Source};
+use super::stated_zone::ZoneColumn;
 use super::time::{self, Groups, Reading, Times};
+use super::time_columns::one_of_loop;
 use super::words::{Modes, Moving, Words, two_state, word};
 use crate::signal::Role;
-use std::collections::{BTreeSet, HashMap};
+use std::collections::HashMap;
 
 /// Most tags of a long table.
 const MAX_TAGS: usize = 1 << 16;
@@ -42,6 +45,8 @@ pub struct Plan {
     pub tags: HashMap<Tag, usize>,
     /// The unit behind the numbers of each channel.
     pub units: Vec<String>,
+    /// Whether letters behind numbers say how good these are.
+    pub letters: bool,
     /// What the words of each channel mean, where it is a mode.
     pub modes: Vec<Option<Modes>>,
     /// Columns of quality: where, of which channel, and how they say it.
@@ -50,13 +55,15 @@ pub struct Plan {
     pub joined: Vec<Joined>,
     /// Which rows are the loop's, where a column names loops.
     pub owner: Option<Owner>,
+    /// Columns of a long table that nothing is made of.
+    pub unused: Vec<usize>,
 }
 
 /// Reads a table for the first time. `whole` wants OP and PV of one loop, else every tag is taken as it is.
 pub fn survey(source: Source<'_>, options: &Options, whole: bool) -> Result<Plan, TableError> {
     let told = options.told()?;
     let head = source.head()?;
-    let kind = Kind::of(source, &head, options.sheet.as_deref(), told.encoding)?;
+    let kind = Kind::of(source, &head, options.sheet.as_deref(), told.encoding, true)?;
     let (separator, layout) = dialect(source, &kind, &head, options, &told)?;
     let mut counting = Counting::new(&layout, options);
     let row_name = {
@@ -93,6 +100,10 @@ struct Counting {
     mode_name: Option<String>,
     /// The column of the mode in a wide table.
     mode_at: Option<usize>,
+    /// Columns of a wide table that may be the mode under any name.
+    rests: Rests,
+    /// Columns of a long table that nothing is made of, and whether they hold anything.
+    unused: Vec<(usize, bool)>,
 }
 
 impl Counting {
@@ -109,11 +120,16 @@ impl Counting {
             moving: Vec::new(),
             mode_name: options.mode.clone(),
             mode_at: None,
+            rests: Rests::default(),
+            unused: Vec::new(),
             owner: Owner::of(layout, options),
         };
         match &layout.body {
             Body::Wide(wide) => own.wide(wide, layout),
-            Body::Long(long) => own.quality_columns = long.qualities.iter().map(|at| (*at, None)).collect(),
+            Body::Long(long) => {
+                own.quality_columns = long.qualities.iter().map(|at| (*at, None)).collect();
+                own.unused = layout.beside(long).into_iter().map(|at| (at, false)).collect();
+            }
         }
         own.words = vec![Words::default(); own.quality_columns.len()];
         own.others = Others::of(layout, &own.quality_columns);
@@ -133,6 +149,7 @@ impl Counting {
             }
         }
         self.quality_columns.clone_from(&wide.qualities);
+        self.rests = Rests::of(wide);
     }
 
     /// Counts every row below the header; `blanks` divide the cells of the table, or a sign does.
@@ -149,6 +166,7 @@ impl Counting {
             titled = title(rows).or(titled);
         }
         let time_name = layout.names[layout.time].full.as_str();
+        let mut zones = ZoneColumn::of(layout, told);
         while let Some(line) = rows.next()? {
             if passed_over(rows, layout) {
                 same_header(rows, layout, line)?;
@@ -157,9 +175,10 @@ impl Counting {
             if self.owner.as_mut().is_some_and(|owner| !owner.takes(rows)) {
                 continue;
             }
+            zones.add(rows, layout, line)?;
             let first = rows.cell(layout.time);
-            if begins_with_a_word(&first) {
-                another_table(rows, layout, line, titled.as_deref())?;
+            if begins_with_a_word(&first) && another_table(rows, layout, line, titled.as_deref())? {
+                continue;
             }
             let second = layout.clock.map(|at| rows.cell(at));
             let tag = match &layout.body {
@@ -190,6 +209,7 @@ impl Counting {
                     if layout.millis.is_none() {
                         self.groups.add(&first, second.as_ref(), moved);
                     }
+                    self.rests.add(rows);
                     let mode = self.mode_at.and_then(|at| two_state(&word(&rows.cell(at))));
                     for (channel, at) in self.channels.iter_mut().zip(&wide.columns) {
                         let cell = rows.cell(*at);
@@ -206,6 +226,9 @@ impl Counting {
                         self.repeats.nameless(line);
                     }
                     self.channels[tag].add(&value, line, None);
+                    for (at, holds) in self.unused.iter_mut().filter(|(_, holds)| !holds) {
+                        *holds = !rows.cell(*at).is_blank();
+                    }
                 }
             }
             self.others.add(rows, &first, line);
@@ -262,21 +285,31 @@ impl Counting {
             self.repeats.refuse(self.times.rows, long.tag)?;
         }
         let rows = matches!(layout.body, Body::Wide(_)).then_some(self.times.rows);
-        if rows.is_none() && whole {
-            self.roles_of_tags(options)?;
-        }
-        if options.mode.is_none() {
-            by_words::find_mode(&mut self.channels, rows)?;
-        }
         // Our own exports say which they are by a column that nobody else has, and how good each value is beside it.
-        let own = layout.names.iter().any(|name| name.plain() == "era");
+        let own = layout.is_ours();
+        match &layout.body {
+            Body::Wide(_) if !whole => loops::of_one(&mut self.channels, options),
+            Body::Wide(_) => {}
+            Body::Long(long) if whole => loops::of_wanted(&mut self.channels, options, &layout.names, long)?,
+            Body::Long(_) if layout.keeps_names() => {}
+            Body::Long(_) => loops::of_many(&mut self.channels, options)?,
+        }
+        // A table with OP and PV of one loop, which lacks nothing that it needs.
+        let of_one = whole || rows.is_some();
+        if options.mode.is_none() && of_one {
+            let all: Vec<usize> = (0..self.channels.len()).collect();
+            by_words::find_mode(&mut self.channels, &all, rows)?;
+            self.rests.ask(&self.channels, &layout.names)?;
+        }
         let joined = match own {
             true => Vec::new(),
             false => joined::find(&mut self.channels, told.good_values.as_deref(), !whole)?,
         };
         let columns: Vec<&evidence::Evidence> =
             self.channels.iter().filter(|c| c.numbers * 2 > c.cells).map(|c| &c.evidence).collect();
-        let op = self.channels.iter().find(|c| c.role == Some(Role::Op));
+        // Of the outputs of several loops one with signs shows what they mean.
+        let ops = self.channels.iter().filter(|c| c.role == Some(Role::Op));
+        let op = ops.max_by_key(|c| c.evidence.any());
         let decimal = match told.decimal {
             Some(decimal) => decimal,
             None if own => Decimal::Point,
@@ -290,7 +323,8 @@ impl Counting {
         let signs = columns.iter().any(|column| column.any());
         let name = layout.names[layout.time].full.as_str();
         let unit = layout.time_unit.as_deref();
-        let column = time::Column { row_name, number: layout.time + 1, name, unit };
+        let zone = layout.zone.as_ref();
+        let column = time::Column { row_name, number: layout.time + 1, name, unit, zone };
         let groups = matches!(layout.body, Body::Wide(_)).then(|| std::mem::take(&mut self.groups));
         let mut reading = self.times.decide(&column, told, decimal, groups)?;
         reading.by_tag |= layout.pairs.is_some();
@@ -301,14 +335,21 @@ impl Counting {
                 layout.time + 1
             )));
         }
-        let units = self.channels.iter().map(unit_of).collect::<Result<Vec<_>, _>>()?;
-        self.one_column_of_times(&layout)?;
-        for channel in self.channels.iter().filter(|c| c.role.is_some()) {
+        // Where the letters behind one tag are its quality, those behind the others are no grams.
+        let letters = self.channels.iter().any(Channel::has_letters);
+        let units =
+            self.channels.iter().map(|own| own.unit_or_none(letters)).collect::<Result<Vec<_>, _>>()?;
+        one_of_loop(&self.channels, self.others.times(), &layout)?;
+        self.without_data(options, of_one);
+        for channel in self.channels.iter().filter(|c| of_one && c.role.is_some()) {
             self.numbers(channel, layout.line, row_name)?;
         }
         for (column, words) in
             std::mem::take(&mut self.others).qualities(&layout, told.good_values.as_deref())?
         {
+            // Such a column is no tag any more.
+            let is_it = |own: &&mut Channel| own.column == column.0 + 1 && own.role.is_none();
+            self.channels.iter_mut().filter(is_it).for_each(|own| own.says_of_another = true);
             self.quality_columns.push(column);
             self.words.push(words);
         }
@@ -334,7 +375,10 @@ impl Counting {
         }
         let modes = self.modes(told)?;
         let qualities = self.qualities(&layout, told)?;
-        let Self { channels, tags, owner, .. } = self;
+        let Self { channels, tags, owner, unused, .. } = self;
+        let says = |at: usize| qualities.iter().any(|(own, ..)| *own == at);
+        let unused = unused.into_iter().filter(|(at, holds)| *holds && !own && !says(*at)).map(|(at, _)| at);
+        let unused = unused.collect();
         Ok(Plan {
             kind,
             separator,
@@ -345,32 +389,25 @@ impl Counting {
             channels,
             tags,
             units,
+            letters,
             modes,
             qualities,
             joined,
             owner,
+            unused,
         })
     }
 
-    /// Refuses a second column of times between OP and PV, or with the name of one of them: then each has its own.
-    fn one_column_of_times(&self, layout: &Layout) -> Result<(), TableError> {
-        let at = |role: Role| self.channels.iter().find(|c| c.role == Some(role)).map_or(0, |c| c.column);
-        let (op, pv) = (at(Role::Op), at(Role::Pv));
-        let named_so =
-            |c: &Channel| Name::new(&c.tag.name).plain().split(' ').any(|word| matches!(word, "op" | "pv"));
-        let between = |c: &&Channel| c.column > op.min(pv) && c.column < op.max(pv) || named_so(c);
-        let named = self.channels.iter().filter(|c| c.other_times * 2 > c.cells);
-        let other = named.chain(self.others.times()).find(between);
-        other.map_or(Ok(()), |other| {
-            Err(TableError::refused(format!(
-                "column {} ({}) holds other times than column {} ({}): each tag has its own; save them on common times, or as \
-                 rows of tag, time and value",
-                other.column,
-                if other.tag.name.is_empty() { "no name" } else { &other.tag.name },
-                layout.time + 1,
-                layout.names[layout.time].full
-            )))
-        })
+    /// What has texts alone, such as `----` or `No Data`, is no set point and no position of a valve: nothing was recorded. OP and PV
+    /// of a table of one loop are needed, and so is what an option names.
+    fn without_data(&mut self, options: &Options, of_one: bool) {
+        for channel in self.channels.iter_mut().filter(|channel| channel.is_text()) {
+            let Some(role) = channel.role.filter(|role| *role != Role::Mode) else { continue };
+            let needed = of_one && matches!(role, Role::Op | Role::Pv);
+            if !needed && options.column(role.as_str()).is_none() {
+                channel.role = None;
+            }
+        }
     }
 
     /// A role without a single number is refused.
@@ -437,78 +474,25 @@ impl Counting {
     }
 
     fn modes(&self, told: &Told) -> Result<Vec<Option<Modes>>, TableError> {
-        let op = self.channels.iter().find(|c| c.role == Some(Role::Op));
-        let moving = Moving {
-            at_all: op.is_some_and(Channel::moves),
-            in_zero: op.is_some_and(Channel::moves_in_zero),
-        };
+        let ops = self.channels.iter().filter(|c| c.role == Some(Role::Op));
+        let ops: HashMap<Option<&str>, &Channel> = ops.map(|c| (c.control_loop.as_deref(), c)).collect();
         let of = |channel: &Channel| match (&channel.words, channel.role) {
             (Some(words), Some(Role::Mode)) => {
+                let op = ops.get(&channel.control_loop.as_deref()).copied();
+                let moving = Moving {
+                    at_all: op.is_some_and(Channel::moves),
+                    in_zero: op.is_some_and(Channel::moves_in_zero),
+                    in_one: op.is_some_and(Channel::moves_in_one),
+                };
                 Modes::decide(words, told.auto_values.as_deref(), moving, &channel.tag.name).map(Some)
             }
             _ => Ok(None),
         };
         self.channels.iter().map(of).collect()
     }
-
-    /// Which tags of a long table are those of the loop; the others belong to other loops.
-    fn roles_of_tags(&mut self, options: &Options) -> Result<(), TableError> {
-        let owners: BTreeSet<&str> = self.channels.iter().map(|c| c.tag.owner.as_str()).collect();
-        let wanted = options.of_loop.as_deref();
-        let owned = owners.iter().any(|own| !own.is_empty());
-        if owned && wanted.is_none() && owners.len() > 1 {
-            return Err(TableError::refused(format!(
-                "several loops, {}: say which with --loop",
-                listed(owners)
-            )));
-        }
-        let of_loop = |channel: &Channel| !owned || wanted.is_none_or(|own| own == channel.tag.owner);
-        let names: Vec<Name> = self
-            .channels
-            .iter()
-            .map(|channel| if of_loop(channel) { Name::new(&channel.tag.name) } else { Name::new("") })
-            .collect();
-        if names.iter().all(Name::is_none) {
-            return Err(TableError::refused(format!("no samples of loop {:?}", wanted.unwrap_or_default())));
-        }
-        let without_loop = Options { of_loop: None, ..options.clone() };
-        let options = if owned { &without_loop } else { options };
-        let found = roles(&names, options, false).map_err(|trouble| match trouble {
-            Trouble::Refused(error) => error,
-            Trouble::Missing(missing) => {
-                let tags = listed(names.iter().filter(|name| !name.is_none()).map(|name| name.full.as_str()));
-                let options: Vec<String> = missing.iter().map(|role| format!("--{role}")).collect();
-                TableError::refused(format!(
-                    "no tag for {}; the table has {tags}; name it with {}, or another column of tags with --tag",
-                    missing.join(", "),
-                    options.join(" and ")
-                ))
-            }
-        })?;
-        for ((channel, role), name) in self.channels.iter_mut().zip(found).zip(&names) {
-            channel.role = role;
-            // Words that are not the mode are nothing that is measured.
-            let is_word = |words: &Words| words.numbers().is_none();
-            if role.is_none() && options.mode.is_some() && channel.words.as_ref().is_some_and(is_word) {
-                channel.words = None;
-            }
-            if name.is_none() {
-                channel.tag.name.clear();
-            }
-        }
-        Ok(())
-    }
 }
 
 /// An option that has nothing to decide: what it means is not read.
 fn unused(option: &str, column: &str) -> TableError {
     TableError::refused(format!("--{option}: no column says anything of {column}: call it so"))
-}
-
-/// The unit behind a channel's numbers; that of a tag which is no role may be anything.
-fn unit_of(channel: &Channel) -> Result<String, TableError> {
-    match channel.unit_of_cells() {
-        Err(error) if channel.role.is_some() => Err(error),
-        unit => Ok(unit.unwrap_or("").to_string()),
-    }
 }

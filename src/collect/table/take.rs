@@ -1,18 +1,19 @@
 //! The second reading: rows become samples by what the first one decided.
 
-use super::channel::{Channel, Tag};
-use super::error::TableError;
+use super::channel::Tag;
+use super::error::{TableError, listed};
 use super::found::Found;
 use super::joined::Joined;
 use super::layout::Body;
-use super::names::Name;
 use super::number;
 use super::odd_rows::passed_over;
 use super::options::Options;
 use super::owner::Owner;
+use super::roles::ROLES;
+use super::says::behind_number;
 use super::source::{Cell, Rows, Source};
 use super::survey::Plan;
-use super::time_columns::whole_millis;
+use super::time_columns;
 use super::{MAX_VALUES, Table};
 use crate::signal::{BadReason, LARGEST_VALUE, Quality, Record, Role, Sample, Series, outages};
 use std::collections::HashMap;
@@ -110,19 +111,11 @@ pub fn stream<E: From<TableError>>(
     options: &Options,
     take: &mut dyn FnMut(&Tag, Sample) -> Result<(), E>,
 ) -> Result<Found, E> {
-    let taken: Vec<&str> =
-        plan.channels.iter().filter_map(|channel| channel.role.map(Role::as_str)).collect();
-    let tags = plan.channels.iter().map(|channel| {
-        let mut tag = channel.tag.clone();
-        if tag.owner.is_empty() && !channel.says_of_another {
-            (tag.owner, tag.name) = owned(channel, options, &taken)?;
-        }
-        Ok(tag)
-    });
-    let tags: Vec<Tag> = tags.collect::<Result<_, TableError>>()?;
+    let tags = owned(&plan, options)?;
     let mut failed = None;
     let walked = all(source, plan, &mut |at, sample| {
-        take(&tags[at], sample).map_err(|error| {
+        let Some(tag) = &tags[at] else { return Ok(()) };
+        take(tag, sample).map_err(|error| {
             failed = Some(error);
             TableError::refused("taken no further")
         })
@@ -133,22 +126,48 @@ pub fn stream<E: From<TableError>>(
     }
 }
 
-/// The loop of a tag that names none beside it, and what the tag is to it: `FIC101.PV` is `pv` of `FIC101`. What the tag is
-/// was decided with the other columns in sight: `MV` may be the controller's output. What another column is already (`taken`) it
-/// is not.
-fn owned(channel: &Channel, options: &Options, taken: &[&str]) -> Result<(String, String), TableError> {
-    let full = &channel.tag.name;
-    let by_name = || Name::new(full).said().map(|said| said.meaning.as_str());
-    let free = |said: &&str| options.of_loop.is_none() || !taken.contains(said);
-    let said = channel.role.map(Role::as_str).or_else(|| by_name().filter(free));
-    if let Some(own) = &options.of_loop {
-        return Ok((own.clone(), said.unwrap_or(full).to_string()));
+/// The tag of each channel as a store keeps it, `pv` of `FIC101` for `FIC101.PV`; `None` where nothing is kept: of a tag of texts
+/// alone, and of one that says of others whether they are good. What a tag is was decided with the others in sight.
+fn owned(plan: &Plan, options: &Options) -> Result<Vec<Option<Tag>>, TableError> {
+    let keeps_names = plan.layout.keeps_names();
+    // The name of the tag that is this role of this loop.
+    let mut taken: HashMap<(&str, &str), &str> = HashMap::new();
+    let mut tags = Vec::with_capacity(plan.channels.len());
+    for channel in &plan.channels {
+        let full = channel.tag.name.as_str();
+        if keeps_names && !channel.tag.owner.is_empty() {
+            tags.push(Some(channel.tag.clone()));
+            continue;
+        }
+        if full.is_empty() || channel.says_of_another || channel.role.is_none() && channel.is_text() {
+            tags.push(None);
+            continue;
+        }
+        let Some(own) = channel.control_loop.as_ref().or(options.of_loop.as_ref()) else {
+            return Err(TableError::refused(format!("{full:?} names no loop; say which with --loop")));
+        };
+        let role = channel.role.map(Role::as_str);
+        if let Some(role) = role {
+            let other = *taken.entry((own.as_str(), role)).or_insert(full);
+            if other != full {
+                return Err(TableError::refused(format!(
+                    "{} may each be {role} of loop {own:?}; say which with --{role}",
+                    listed([other, full])
+                )));
+            }
+        } else if ROLES.iter().any(|role| role.as_str() == full) && !keeps_names {
+            // By this name it would be taken for what it is not.
+            return Err(TableError::refused(format!(
+                "{full:?} is not that of loop {own:?} by what was told, and is called as if it were; call it otherwise"
+            )));
+        }
+        tags.push(Some(Tag {
+            owner: own.clone(),
+            name: role.unwrap_or(full).to_string(),
+            ..channel.tag.clone()
+        }));
     }
-    let path = full.rsplit_once(['.', '/']).filter(|_| said.is_some());
-    match (path, said) {
-        (Some((own, _)), Some(said)) => Ok((own.to_string(), said.to_string())),
-        _ => Err(TableError::refused(format!("{full:?} names no loop; say which with --loop"))),
-    }
+    Ok(tags)
 }
 
 /// What is counted on the way.
@@ -208,7 +227,8 @@ fn walk(source: Source<'_>, plan: &mut Plan, each: Each<'_>) -> Result<(), Table
         }
         let first = rows.cell(plan.layout.time);
         let second = plan.layout.clock.map(|at| rows.cell(at));
-        let part = plan.layout.millis.map_or(Some(0.0), |at| millis(&rows.cell(at)));
+        let part = |at: usize| time_columns::part(&rows.cell(at).shown(), &plan.layout.names[at]);
+        let part = plan.layout.millis.map_or(Some(0.0), part);
         let tag = match &plan.layout.body {
             Body::Wide(_) => None,
             Body::Long(long) => plan.tags.get(&Tag::of_row(rows.as_ref(), long)).copied(),
@@ -243,11 +263,6 @@ fn join(source: Source<'_>, plan: &mut Plan) -> Result<(), TableError> {
     Ok(())
 }
 
-/// A cell of milliseconds (s).
-fn millis(cell: &Cell<'_>) -> Option<f64> {
-    whole_millis(&cell.shown()).map(|ms| f64::from(ms) / 1e3)
-}
-
 /// The samples of one row at `t`, which is one of `tag` where each row is a sample of one tag.
 fn row(
     rows: &dyn Rows,
@@ -280,6 +295,8 @@ fn row(
 
 fn sample(rows: &dyn Rows, plan: &Plan, at: usize, cell: &Cell<'_>, t: f64, counted: &mut Counted) -> Sample {
     let channel = &plan.channels[at];
+    // What a word behind the number says of it: `51.2 Bad`.
+    let mut behind = None;
     let value = match (&plan.modes[at], cell) {
         (Some(modes), cell) => {
             let on = modes.value(cell);
@@ -289,16 +306,18 @@ fn sample(rows: &dyn Rows, plan: &Plan, at: usize, cell: &Cell<'_>, t: f64, coun
             on
         }
         (None, Cell::Number(value)) => Some(*value).filter(|value| value.is_finite()),
-        (None, Cell::Text(text)) => number::scan(text)
-            .filter(|number| number.unit == plan.units[at])
-            .and_then(|number| number.value(plan.decimal)),
+        (None, Cell::Text(text)) => number::scan(text).and_then(|number| {
+            let (unit, said) = behind_number(number.unit, plan.letters);
+            behind = said;
+            if unit == plan.units[at] { number.value(plan.decimal) } else { None }
+        }),
         _ => None,
     };
     // A mode is what it is, whatever the quality of the value beside it.
     let says = plan.qualities.iter().filter(|(_, of, _)| of.is_none_or(|of| of == at));
     let said = says.map(|(column, _, says)| says.quality(&rows.cell(*column)));
     let of_tags = channel.said_by.iter().filter_map(|own| plan.joined[*own].quality(t));
-    let said = said.chain(of_tags).find(|quality| !quality.is_good());
+    let said = behind.into_iter().chain(said).chain(of_tags).find(|quality| !quality.is_good());
     let quality = match (said, value) {
         (Some(quality), _) => {
             counted.not_good += 1;

@@ -4,6 +4,7 @@ mod decide;
 mod reading;
 mod tally;
 mod turns;
+mod units;
 
 pub use decide::Column;
 pub use reading::Reading;

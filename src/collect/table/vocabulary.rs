@@ -84,7 +84,10 @@ pub const OP: &[&str] = &[
     "stellgrösse",
     "stellgroesse",
     "stellwert",
+    "stellsignal",
     "op value",
+    "opeu",
+    "outp",
     "valve demand",
     "cveu",
     "sortie",
@@ -93,6 +96,8 @@ pub const OP: &[&str] = &[
     "uscita",
     "输出",
     "输出值",
+    "輸出",
+    "輸出值",
     "操作量",
     "utsignal",
     "styrsignal",
@@ -112,7 +117,11 @@ pub const PV: &[&str] = &[
     "meas",
     "measurement",
     "istwert",
+    "regelgröße",
+    "regelgrösse",
+    "regelgroesse",
     "actual value",
+    "pveu",
     "pv value",
     "pv in",
     "pv out",
@@ -124,7 +133,10 @@ pub const PV: &[&str] = &[
     "medição",
     "misura",
     "测量值",
+    "過程值",
     "过程值",
+    "測量值",
+    "量測值",
     "測定値",
     "ärvärde",
     "mätvärde",
@@ -145,6 +157,10 @@ pub const SP: &[&str] = &[
     "set point",
     "set value",
     "sollwert",
+    "führungsgröße",
+    "führungsgrösse",
+    "fuehrungsgroesse",
+    "speu",
     "sp value",
     "wsp",
     "working setpoint",
@@ -153,6 +169,7 @@ pub const SP: &[&str] = &[
     "consigna",
     "设定值",
     "给定值",
+    "設定值",
     "設定値",
     "目標値",
     "börvärde",
@@ -203,6 +220,10 @@ pub const MODE: &[&str] = &[
     "auto status",
     "manual",
     "man",
+    "manual mode",
+    "manact",
+    "man act",
+    "hand",
     "modo",
     "modo de control",
     "modus",
@@ -222,6 +243,9 @@ pub const VALUES: &[&str] = &["cv", "f cv", "val", "value", "valuey", "present v
 /// Names of a column that says whether the value beside it is good.
 pub const QUALITIES: &[&str] = &[
     "quality",
+    "bad quality",
+    "badquality",
+    "good quality",
     "qual",
     "status",
     "statuscode",
@@ -274,8 +298,48 @@ pub const SHORT_QUALITIES: &[&str] = &["q", "st", "qc"];
 /// Those of them that hold the numbers of OPC.
 pub const DETAILS: [&str; 4] = ["opcquality", "opc quality", "qualitydetail", "quality detail"];
 
+/// Words in front of the name of a value by which it is that of a flag: `Bad_PV`.
+pub const FLAGGED: [&str; 7] = ["bad", "good", "isbad", "isgood", "fault", "invalid", "questionable"];
+/// Words in brackets behind the name of a value that make of it one number out of many: `OP (Min)`.
+pub const OF_MANY: [&str; 9] =
+    ["min", "max", "minimum", "maximum", "std", "stdev", "stddev", "std dev", "range"];
+
+/// Columns that name the tag of a row.
+pub const TAGS: [&str; 29] = [
+    "measure name",
+    "tagindex",
+    "tag index",
+    "tag",
+    "tagname",
+    "tag name",
+    "tag id",
+    "tagid",
+    "name",
+    "point",
+    "point name",
+    "pointname",
+    "signal",
+    "variable",
+    "item",
+    "field",
+    "metric",
+    "channel",
+    "parameter",
+    "varname",
+    "object",
+    "displayname",
+    "display name",
+    "series",
+    "messstelle",
+    "attribute",
+    "browsename",
+    "path",
+    "data item",
+];
+
 /// Columns that name the loop of a row.
-pub const OWNERS: [&str; 19] = [
+pub const OWNERS: [&str; 20] = [
+    "element",
     "device",
     "device id",
     "plant",

@@ -142,7 +142,7 @@ impl Words {
 }
 
 /// Words of automatic: the controller moves the valve by itself.
-const AUTOMATIC: [&str; 21] = [
+const AUTOMATIC: [&str; 30] = [
     "auto",
     "automatic",
     "aut",
@@ -165,14 +165,50 @@ const AUTOMATIC: [&str; 21] = [
     "automatico",
     "automatique",
     "cascada",
+    "autom",
+    "automatikbetrieb",
+    "automatyczny",
+    "авт",
+    "авто",
+    "автомат",
+    "автоматический",
+    "自动",
+    "自動",
 ];
-/// Words of not automatic.
-const NOT_AUTOMATIC: [&str; 20] = [
-    "man", "manual", "hand", "m", "rout", "oos", "iman", "lo", "off", "false", "track", "trk", "manuell",
-    "init", "local", "override", "none", "out", "hold", "open",
+/// Words of manual: a person moves the valve.
+const MANUAL: [&str; 18] = [
+    "man",
+    "manual",
+    "hand",
+    "m",
+    "manuell",
+    "manu",
+    "manuale",
+    "manuel",
+    "manuelle",
+    "handbetrieb",
+    "ręczny",
+    "reczny",
+    "ręczna",
+    "руч",
+    "ручн",
+    "ручной",
+    "手动",
+    "手動",
 ];
+/// Other words of not automatic.
+const NOT_AUTOMATIC: [&str; 14] = [
+    "rout", "oos", "iman", "lo", "off", "false", "track", "trk", "init", "override", "none", "out", "hold",
+    "open",
+];
+/// It says where the set point or the output comes from: `Auto-Local` is automatic, and by itself it is not.
+const LOCAL: &str = "local";
+/// Words of automatic in the name of a bit, beside which manual is its other state.
+const AUTO_IN_NAMES: [&str; 4] = ["auto", "aut", "automatic", "automatik"];
+/// Words in the name of a bit that is set in manual.
+const MANUAL_BITS: [&str; 4] = ["man", "manual", "hand", "manact"];
 /// Those of both kinds that nothing but a mode is called.
-const OF_A_MODE: [&str; 16] = [
+const OF_A_MODE: [&str; 30] = [
     "auto",
     "automatic",
     "aut",
@@ -189,6 +225,20 @@ const OF_A_MODE: [&str; 16] = [
     "manuell",
     "automático",
     "automatique",
+    "autom",
+    "automatikbetrieb",
+    "automatyczny",
+    "авт",
+    "автомат",
+    "自动",
+    "自動",
+    "manuale",
+    "manuel",
+    "handbetrieb",
+    "ręczny",
+    "руч",
+    "手动",
+    "手動",
 ];
 
 /// What the words of a mode column mean.
@@ -207,6 +257,8 @@ pub struct Moving {
     pub at_all: bool,
     /// It does so while the mode is 0, and rests while it is 1.
     pub in_zero: bool,
+    /// It does so while the mode is 1, and rests while it is 0.
+    pub in_one: bool,
 }
 
 /// Whether a word is automatic; `None` where nobody knows.
@@ -218,11 +270,28 @@ fn usual(word: &str) -> Option<bool> {
     }
     let is = |names: &[&str], part: &str| names.contains(&part);
     let parts = || word.split(|c: char| !c.is_alphanumeric()).filter(|part| !part.is_empty());
-    // `Remote manual` is manual, whatever else it says.
-    if parts().any(|part| is(&NOT_AUTOMATIC, part)) {
-        return Some(false);
+    let (automatic, manual) =
+        (parts().any(|part| is(&AUTOMATIC, part)), parts().any(|part| is(&MANUAL, part)));
+    // `Auto (manual setpoint)` may be either.
+    if automatic && manual {
+        return None;
     }
-    parts().any(|part| is(&AUTOMATIC, part)).then_some(true)
+    // `Remote manual` is manual, whatever else it says.
+    let not = parts().any(|part| is(&NOT_AUTOMATIC, part) || part == LOCAL && !automatic);
+    if manual || not { Some(false) } else { automatic.then_some(true) }
+}
+
+/// Whether a bit of this name is set in manual: `FIC101.MAN`, `Manual mode`. `AUTO_MAN` has both and says nothing of it.
+fn says_manual(name: &str) -> bool {
+    let small = name.to_lowercase();
+    let words: Vec<&str> =
+        small.split(|c: char| !c.is_alphanumeric()).filter(|part| !part.is_empty()).collect();
+    let of_state = |word: &&&str| ["mode", "act"].contains(*word);
+    let behind = words.iter().rev().take_while(of_state).count();
+    let Some((last, before)) = words[..words.len() - behind].split_last() else { return false };
+    // An area may be called `A`, so that the letter counts beside the word alone: `A/Man`.
+    let automatic = words.iter().any(|word| AUTO_IN_NAMES.contains(word)) || before.last() == Some(&"a");
+    MANUAL_BITS.contains(last) && !automatic
 }
 
 impl Modes {
@@ -248,11 +317,15 @@ impl Modes {
             )))
         };
         // A bit that is called so says manual, and 0 is automatic.
-        let says_manual = name.rsplit(|c: char| !c.is_alphanumeric()).find(|part| !part.is_empty());
-        let says_manual =
-            says_manual.is_some_and(|own| ["man", "manual"].contains(&own.to_lowercase().as_str()));
         let states: Option<Vec<bool>> = words.counts.iter().map(|(word, _)| two_state(word)).collect();
-        if let Some(states) = states.filter(|own| says_manual && !own.is_empty()) {
+        if let Some(states) = states.filter(|own| says_manual(name) && !own.is_empty()) {
+            if op.in_one {
+                return Err(TableError::refused(format!(
+                    "column {name}: OP moves by itself only while it is 1, and by its name 1 means manual; it is {}; say which of \
+                     these values are automatic with --auto-values",
+                    words.listed()
+                )));
+            }
             let zeros = words.counts.iter().zip(states).filter(|(_, state)| !state);
             let automatic = zeros.map(|((word, _), _)| word.clone()).collect();
             return Ok(Self { automatic: Some(automatic), said: None });
@@ -302,12 +375,33 @@ impl Modes {
 mod tests {
     use super::*;
 
-    const MOVES: Moving = Moving { at_all: true, in_zero: false };
+    const MOVES: Moving = Moving { at_all: true, in_zero: false, in_one: false };
 
     fn of(cells: &[&str]) -> Words {
         let mut words = Words::default();
         cells.iter().for_each(|cell| words.add(&Cell::Text(cell)));
         words
+    }
+
+    #[test]
+    fn a_name_with_both_states_says_nothing_of_the_bit_and_one_that_op_contradicts_is_asked_about() {
+        let value = |name: &str, moves: Moving, cells: &[&str]| {
+            Modes::decide(&of(cells), None, moves, name).map(|modes| modes.value(&Cell::Text("1")))
+        };
+        for name in ["AUTO_MAN", "Auto/Man", "Auto/Manual", "FIC101.A/MAN"] {
+            assert_eq!(value(name, MOVES, &["1", "0"]).ok(), Some(Some(1.0)), "{name}");
+            assert_eq!(value(name, MOVES, &["1", "1"]).ok(), Some(Some(1.0)), "{name}, always");
+            let in_zero = Moving { in_zero: true, ..MOVES };
+            assert!(value(name, in_zero, &["1", "0"]).is_err(), "{name}");
+        }
+        for name in ["MAN", "FIC101.ManAct", "Manual mode", "Hand", "A.FIC101.MAN"] {
+            assert_eq!(value(name, MOVES, &["1", "0"]).ok(), Some(Some(0.0)), "{name}");
+            let said = value(name, Moving { in_one: true, ..MOVES }, &["1", "0"]).expect_err("it moves in 1");
+            assert!(said.to_string().contains("by its name 1 means manual"), "{name}: {said}");
+        }
+        // Nobody knows which of the two words counts.
+        let both = of(&["Auto (manual setpoint)", "Auto (manual setpoint)", "Manual"]);
+        assert!(Modes::decide(&both, None, MOVES, "mode").is_err());
     }
 
     #[test]
@@ -323,6 +417,20 @@ mod tests {
             ("MAN", false),
             ("0", false),
             ("Remote Manual", false),
+            ("Auto-Local", true),
+            ("Local Auto", true),
+            ("Local", false),
+            ("自动", true),
+            ("手動", false),
+            ("АВТ", true),
+            ("РУЧ", false),
+            ("Automatico", true),
+            ("Manuale", false),
+            ("Manuel", false),
+            ("Ręczny", false),
+            ("Automatyczny", true),
+            ("Handbetrieb", false),
+            ("Automatikbetrieb", true),
         ] {
             let modes =
                 Modes::decide(&of(&[word, "AUTO", "MAN"]), None, Moving::default(), "mode").expect(word);
@@ -344,7 +452,7 @@ mod tests {
         assert_eq!((manual.value(&Cell::Text("0")), manual.value(&Cell::Text("1"))), (Some(1.0), Some(0.0)));
         let words = Modes::decide(&of(&["MAN", "AUTO"]), None, MOVES, "Auto/Manual").expect("words");
         assert_eq!(words.value(&Cell::Text("AUTO")), Some(1.0));
-        let in_zero = Moving { at_all: true, in_zero: true };
+        let in_zero = Moving { at_all: true, in_zero: true, in_one: false };
         assert!(said(&["0", "1", "0"], in_zero).contains("OP moves by itself only while the mode is 0"));
         let reversed = Modes::decide(&of(&["0", "1"]), Some(&["0".into()]), in_zero, "mode").expect("told");
         assert_eq!(

@@ -1,6 +1,8 @@
 //! Sheets of workbooks: Excel (.xlsx, .xlsb, .xls) and OpenDocument (.ods), through calamine.
 
 use super::error::{TableError, listed};
+use super::layout::{first_rows, look};
+use super::options::Options;
 use super::source::{Cell, Rows, Source};
 use super::stamp::DAY;
 use calamine::{Data, DataRef, ExcelDateTime, Reader, Sheets, open_workbook_auto_from_rs};
@@ -14,6 +16,9 @@ const MAX_CELLS: usize = 1 << 24;
 const MAX_BYTES: u64 = 1 << 28;
 /// Columns of a sheet that are read.
 const MAX_COLUMNS: u32 = 1 << 12;
+
+/// Names that a record needs: those of time, OP and PV.
+const NEEDED: usize = 3;
 
 /// A cell in memory.
 #[derive(Clone, Debug)]
@@ -39,8 +44,8 @@ pub struct Sheet {
 
 type Book = Sheets<Cursor<Arc<[u8]>>>;
 
-/// Reads the sheet that is told, or the only one that has rows.
-pub fn read(source: Source<'_>, wanted: Option<&str>) -> Result<Sheet, TableError> {
+/// Reads the sheet that is told, or the only one that has rows; of several, the only one with OP and PV where it is to be a record.
+pub fn read(source: Source<'_>, wanted: Option<&str>, of_record: bool) -> Result<Sheet, TableError> {
     let mut bytes = Vec::new();
     source.open()?.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > MAX_BYTES {
@@ -49,17 +54,17 @@ pub fn read(source: Source<'_>, wanted: Option<&str>) -> Result<Sheet, TableErro
         )));
     }
     // The library panics at some that are damaged.
-    catch_unwind(|| read_bytes(bytes, wanted))
+    catch_unwind(|| read_bytes(bytes, wanted, of_record))
         .unwrap_or_else(|_| Err(TableError::refused("a workbook that cannot be read: it is damaged")))
 }
 
-fn read_bytes(bytes: Vec<u8>, wanted: Option<&str>) -> Result<Sheet, TableError> {
+fn read_bytes(bytes: Vec<u8>, wanted: Option<&str>, of_record: bool) -> Result<Sheet, TableError> {
     let bytes: Arc<[u8]> = bytes.into();
     archive(bytes.clone())?;
     let since_1904 = is_since_1904(bytes.clone());
     let book: Book = open_workbook_auto_from_rs(Cursor::new(bytes))
         .map_err(|error| TableError::refused(format!("a workbook that cannot be read: {error}")))?;
-    Ok(Sheet { since_1904, ..choose(book, wanted)? })
+    Ok(Sheet { since_1904, ..choose(book, wanted, of_record)? })
 }
 
 /// Refuses an archive of files that is no workbook, by what is in it.
@@ -86,7 +91,7 @@ fn is_since_1904(bytes: Arc<[u8]>) -> bool {
     read.is_ok() && ["date1904=\"1\"", "date1904=\"true\""].iter().any(|said| text.contains(said))
 }
 
-fn choose(mut book: Book, wanted: Option<&str>) -> Result<Sheet, TableError> {
+fn choose(mut book: Book, wanted: Option<&str>, of_record: bool) -> Result<Sheet, TableError> {
     let names = book.sheet_names();
     if let Some(wanted) = wanted {
         let name = names.iter().find(|name| name.eq_ignore_ascii_case(wanted)).ok_or_else(|| {
@@ -107,8 +112,18 @@ fn choose(mut book: Book, wanted: Option<&str>) -> Result<Sheet, TableError> {
         0 => Err(TableError::refused("no sheet of the workbook holds a table")),
         1 => Ok(filled.remove(0)),
         _ => {
+            let records: Vec<usize> = (0..filled.len()).filter(|at| filled[*at].may_be_record()).collect();
+            if let ([one], true) = (records.as_slice(), of_record) {
+                return Ok(filled.swap_remove(*one));
+            }
             let names = listed(filled.iter().map(|sheet| sheet.name.as_str()));
-            Err(TableError::refused(format!("several sheets hold tables, {names}: say which with --sheet")))
+            let apart = match of_record && records.is_empty() {
+                true => ", and none has both OP and PV: put them side by side into one sheet, or",
+                false => ":",
+            };
+            Err(TableError::refused(format!(
+                "several sheets hold tables, {names}{apart} say which with --sheet"
+            )))
         }
     }
 }
@@ -221,6 +236,13 @@ fn moment(stamp: &ExcelDateTime) -> Held {
 }
 
 impl Sheet {
+    /// Whether it has OP and PV by the names of its columns, in doubt or not.
+    fn may_be_record(&self) -> bool {
+        let first = first_rows(&mut self.rows()).unwrap_or_default();
+        let looked = look(&first, &Options::default(), "row");
+        looked.layout.is_ok() || looked.known >= NEEDED
+    }
+
     pub fn rows(&self) -> SheetRows<'_> {
         SheetRows { sheet: self, next: 0 }
     }

@@ -1,7 +1,9 @@
 //! A cell cut into numbers, words and signs, and the parts of a stamp taken from their front one by one.
 
 use super::{DAY, Date, SECOND, century};
-use crate::collect::table::calendar::{half, half_before, is_ambiguous, is_weekday, month, zone};
+use crate::collect::table::calendar::{
+    half, half_before, is_ambiguous, is_filler, is_of_date, is_weekday, month, zone,
+};
 
 /// A piece of a cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,7 +15,7 @@ pub enum Piece<'a> {
 }
 
 /// Most pieces of a stamp.
-const PIECES: usize = 24;
+const PIECES: usize = 32;
 
 pub fn pieces(text: &str) -> Option<Vec<Piece<'_>>> {
     let mut out = Vec::with_capacity(PIECES);
@@ -96,6 +98,10 @@ impl Left<'_, '_> {
             && (is_weekday(word) || word.eq_ignore_ascii_case("mar") && before_date(rest))
         {
             self.0 = rest;
+            // `segunda-feira, 15 de junho`.
+            if let [Sign('-'), Word("feira"), rest @ ..] = self.0 {
+                self.0 = rest;
+            }
             while let [Piece::Sign(',' | '.' | ' '), rest @ ..] = self.0 {
                 self.0 = rest;
             }
@@ -108,12 +114,29 @@ impl Left<'_, '_> {
         }
     }
 
-    /// What divides date and time: a blank, `T`, a comma, `_`, a dash, or a colon (`01/Jun/2026:06:00:00`).
+    /// What divides date and time: a blank, `T`, a comma, `_`, a dash, or a colon (`01/Jun/2026:06:00:00`), and words that say
+    /// nothing (`at`, `klo`, `г.`).
     pub fn between(&mut self) {
         if let [Piece::Word("T" | "t"), rest @ ..] = self.0 {
             self.0 = rest;
             return;
         }
+        self.signs_between();
+        while let [Piece::Word(word), rest @ ..] = self.0
+            && is_filler(word)
+        {
+            let before = self.0;
+            self.0 = without_point(rest);
+            self.signs_between();
+            // A letter behind a date alone is a mark, but for that of a year.
+            if self.0.is_empty() && !is_of_date(word) {
+                self.0 = before;
+                return;
+            }
+        }
+    }
+
+    fn signs_between(&mut self) {
         while let [Piece::Sign(' ' | ',' | '_' | '-' | ':' | ';'), rest @ ..] = self.0 {
             self.0 = rest;
         }
@@ -121,6 +144,10 @@ impl Left<'_, '_> {
 
     pub fn date(&mut self) -> Option<Date> {
         use Piece::{Number, Sign, Word};
+        if let Some((date, rest)) = pointed(self.0) {
+            self.0 = rest;
+            return Some(date);
+        }
         let (date, rest) = match self.0 {
             [Number(all, 8), rest @ ..] if !matches!(rest, [Sign('.' | ','), ..]) => {
                 (Date::Known(all / 10_000, (all / 100 % 100) as u32, (all % 100) as u32), rest)
@@ -148,9 +175,15 @@ impl Left<'_, '_> {
                 rest @ ..,
             ] => (Date::Known(century(*y, *n == 4), *m as u32, *d as u32), rest),
             [Number(y, 4), Sign(a), Number(m, 1..=2), Sign(b), Number(d, 1..=2), rest @ ..]
-                if a == b && matches!(a, '-' | '/' | '.') =>
+                if a == b && matches!(a, '-' | '/') =>
             {
                 (Date::Known(*y, *m as u32, *d as u32), rest)
+            }
+            // `2026-166 06:00:00`: the day of the year; without a time of day behind it, it may be any number.
+            [Number(y, 4), Sign('-' | '/'), Number(day, 3), rest @ ..]
+                if matches!(rest, [Word("T" | "t") | Sign(' '), Number(..), ..]) =>
+            {
+                (day_of_year(*y, *day)?, rest)
             }
             [
                 Number(y, 4),
@@ -160,12 +193,6 @@ impl Left<'_, '_> {
                 Number(d, 1..=2),
                 rest @ ..,
             ] => (Date::Known(*y, month(m)?, *d as u32), rest),
-            [Number(d, 1..=2), Sign('.'), Number(m, 1..=2), Sign('.'), Number(y, 4), rest @ ..] => {
-                (Date::Known(*y, *m as u32, *d as u32), rest)
-            }
-            [Number(a, 1..=2), Sign('.'), Number(b, 1..=2), Sign('.'), Number(c, 2), rest @ ..] => {
-                (Date::Dotted([*a, *b, *c]), rest)
-            }
             [Number(a, 1..=2), Sign(s), Number(b, 1..=2), Sign(t), Number(c, n @ (2 | 4)), rest @ ..]
                 if s == t && matches!(s, '/' | '-' | ' ') =>
             {
@@ -186,6 +213,8 @@ impl Left<'_, '_> {
         while n < 3 {
             match rest {
                 [Piece::Sign(c), after @ ..] if n > 0 && signs(c) => rest = after,
+                // `15 de junio de 2026`, `June 15th, 2026`.
+                [Piece::Word(word), after @ ..] if n > 0 && is_of_date(word) => rest = after,
                 [piece @ (Piece::Number(..) | Piece::Word(_)), after @ ..] => {
                     // A time of day begins where a colon follows, but for a year: `01Jun2026:06:00:00`.
                     let colon = matches!(after, [Piece::Sign(':'), Piece::Number(..), Piece::Sign(':'), ..]);
@@ -205,10 +234,14 @@ impl Left<'_, '_> {
             | [Some(Word(m)), Some(Number(d, 1..=2)), Some(Number(y, k @ (2 | 4)))] => {
                 Date::Known(century(*y, *k == 4), month(m)?, *d as u32)
             }
+            // `2026. június 15.`
+            [Some(Number(y, 4)), Some(Word(m)), Some(Number(d, 1..=2))] => {
+                Date::Known(*y, month(m)?, *d as u32)
+            }
             [Some(Word(m)), Some(Number(d, 1..=2)), None] => Date::Known(0, month(m)?, *d as u32),
             _ => return None,
         };
-        self.0 = rest;
+        self.0 = without_last_point(rest);
         Some(date)
     }
 
@@ -229,6 +262,8 @@ impl Left<'_, '_> {
             _ => None,
         };
         let (hour, minute, mut second, mut rest) = match self.0 {
+            // `2026-06-15_06-00-02`, as files are called.
+            [Number(h, 2), Sign('-'), Number(m, 2), Sign('-'), Number(s, 2), rest @ ..] => (*h, *m, *s, rest),
             [Number(h, 1..=4), Sign(':'), Number(m, 2), Sign(':'), Number(s, 2), rest @ ..]
             | [Number(h, 1..=2), Sign('.'), Number(m, 2), Sign('.'), Number(s, 2), rest @ ..] => {
                 (*h, *m, *s, rest)
@@ -236,7 +271,7 @@ impl Left<'_, '_> {
             [Number(h, 1..=2), Sign(':'), Number(m, 2), rest @ ..] => (*h, *m, 0, rest),
             [Number(all, 6), rest @ ..] => (all / 10_000, all / 100 % 100, all % 100, rest),
             [Number(h, 1..=2), rest @ ..] if noon(without_blank(rest)).is_some() => (*h, 0, 0, rest),
-            _ => return None,
+            _ => named_clock(self.0)?,
         };
         let mut part = 0;
         if let [Sign('.' | ',' | ':'), Number(value, n), after @ ..]
@@ -257,9 +292,9 @@ impl Left<'_, '_> {
             }
             hour = hour % 12 + if past_noon { 12 } else { 0 };
         }
-        // `06:00:02 Uhr`.
-        if let [Word("Uhr" | "uhr" | "h"), after @ ..] = without_blank(rest) {
-            rest = after;
+        // `06:00:02 Uhr`, `6:00:02 ч.`.
+        if let [Word("Uhr" | "uhr" | "h" | "hs" | "hrs" | "ч"), after @ ..] = without_blank(rest) {
+            rest = without_point(after);
         }
         // A leap second is told as the last nanosecond of its minute.
         if second == 60 {
@@ -317,17 +352,71 @@ fn without_blank<'p, 'a>(pieces: &'p [Piece<'a>]) -> &'p [Piece<'a>] {
     if let [Piece::Sign(' '), after @ ..] = pieces { after } else { pieces }
 }
 
+fn without_point<'p, 'a>(pieces: &'p [Piece<'a>]) -> &'p [Piece<'a>] {
+    if let [Piece::Sign('.'), after @ ..] = pieces { after } else { pieces }
+}
+
+/// Without a point that ends a date: nothing or a blank follows it.
+fn without_last_point<'p, 'a>(pieces: &'p [Piece<'a>]) -> &'p [Piece<'a>] {
+    match pieces {
+        [Piece::Sign('.'), after @ ..] if matches!(after, [] | [Piece::Sign(' '), ..]) => after,
+        _ => pieces,
+    }
+}
+
+/// Three numbers with points between, a blank behind each or not, and a point behind the last or not: `15.06.2026`,
+/// `15. 6. 2026`, `2026. 06. 15.`; and what follows.
+fn pointed<'p, 'a>(pieces: &'p [Piece<'a>]) -> Option<(Date, &'p [Piece<'a>])> {
+    use Piece::{Number, Sign};
+    let [Number(a, of_a), Sign('.'), rest @ ..] = pieces else { return None };
+    let [Number(b, 1..=2), Sign('.'), rest @ ..] = without_blank(rest) else { return None };
+    let [Number(c, of_c), rest @ ..] = without_blank(rest) else { return None };
+    let date = match (*of_a, *of_c) {
+        (4, 1..=2) => Date::Known(*a, *b as u32, *c as u32),
+        (1..=2, 4) => Date::Known(*c, *b as u32, *a as u32),
+        (1..=2, 2) => Date::Dotted([*a, *b, *c]),
+        _ => return None,
+    };
+    Some((date, without_last_point(rest)))
+}
+
+/// The date of a day of a year, from 1.
+fn day_of_year(year: i64, day: i64) -> Option<Date> {
+    let first = jiff::civil::Date::new(i16::try_from(year).ok()?, 1, 1).ok()?;
+    if !(1..=i64::from(first.days_in_year())).contains(&day) {
+        return None;
+    }
+    let date = first.checked_add(jiff::Span::new().try_days(day - 1).ok()?).ok()?;
+    Some(Date::Known(year, u32::try_from(date.month()).ok()?, u32::try_from(date.day()).ok()?))
+}
+
+/// Hours, minutes and seconds with words behind them, and what follows: `6时00分02秒`, `06h00m02s`, `06h00`.
+fn named_clock<'p, 'a>(pieces: &'p [Piece<'a>]) -> Option<(i64, i64, i64, &'p [Piece<'a>])> {
+    use Piece::{Number, Word};
+    let [Number(hour, 1..=2), Word("时" | "時" | "시" | "h" | "H"), rest @ ..] = pieces else {
+        return None;
+    };
+    let [Number(minute, 1..=2), rest @ ..] = without_blank(rest) else { return None };
+    let [Word("分" | "분" | "m" | "min"), rest @ ..] = rest else { return Some((*hour, *minute, 0, rest)) };
+    match without_blank(rest) {
+        [Number(second, 1..=2), Word("秒" | "초" | "s" | "sec"), rest @ ..] => {
+            Some((*hour, *minute, *second, rest))
+        }
+        _ => Some((*hour, *minute, 0, rest)),
+    }
+}
+
 /// AM or PM in front, with or without points: what follows, and whether it is past noon.
 fn noon<'p, 'a>(pieces: &'p [Piece<'a>]) -> Option<(&'p [Piece<'a>], bool)> {
     use Piece::{Sign, Word};
     let (word, rest) = match pieces {
-        [Word(word), Sign('.'), Word("m" | "M"), Sign('.'), rest @ ..]
-        | [Word(word), Sign('.'), Sign(' '), Word("m" | "M"), Sign('.'), rest @ ..]
-            if word.len() == 1 =>
+        [Word(word), Sign('.'), Word("m" | "M" | "μ"), Sign('.'), rest @ ..]
+        | [Word(word), Sign('.'), Sign(' '), Word("m" | "M" | "μ"), Sign('.'), rest @ ..]
+            if word.chars().count() == 1 =>
         {
             (*word, rest)
         }
-        [Word(word), rest @ ..] if word.len() == 2 => (*word, rest),
+        [Word(word), rest @ ..] if word.chars().count() == 2 => (*word, rest),
         _ => return None,
     };
     half(word).map(|past_noon| (rest, past_noon))

@@ -57,6 +57,35 @@ fn dates_of_every_kind_are_the_same_moment() {
         ("2026-06-01 06:00:00 -0500 EST", six, Some(-18_000)),
         ("01.06.2026 06:00:00 Uhr", six, None),
         ("01.06.2026 06:00 h", six, None),
+        ("1. 6. 2026 6:00:00", six, None),
+        ("2026. 06. 01. 6:00:00", six, None),
+        ("2026. június 1. 6:00:00", six, None),
+        ("2026. 6. 1 오전 6:00:00", six, None),
+        ("1.6.2026. 06:00:00", six, None),
+        ("1.6.2026 klo 6.00.00", six, None),
+        ("2026-06-01 kl. 06:00:00", six, None),
+        ("01.06.2026 à 06:00:00", six, None),
+        ("June 1, 2026 at 6:00:00 AM", six, None),
+        ("June 1st, 2026 6:00 AM", six, None),
+        ("1er juin 2026 06:00:00", six, None),
+        ("1 de junio de 2026 06:00:00", six, None),
+        ("1 de jun. de 2026 06:00:00", six, None),
+        ("lundi 1 juin 2026 06:00:00", six, None),
+        ("segunda-feira, 1 de junho de 2026 06:00:00", six, None),
+        ("martes, 2 de junio de 2026 06:00:00", six + 86_400.0, None),
+        ("2026年6月1日 6时00分00秒", six, None),
+        ("2026年6月1日 6時00分02秒", six + 2.0, None),
+        ("2026년 6월 1일 6시 00분 02초", six + 2.0, None),
+        ("2026-06-01 06h00m02s", six + 2.0, None),
+        ("2026-06-01 06h00", six, None),
+        ("2026-06-01_06-00-02", six + 2.0, None),
+        ("2026-152 06:00:00", six, None),
+        ("2026-152T06:00:00.000Z", six, Some(0)),
+        ("2026-06-01 6:00:00 πμ", six, None),
+        ("2026-06-01 6:00:00 μ.μ.", six + 43200.0, None),
+        ("2026-06-01 6:00:00 SA", six, None),
+        ("1.6.2026 г. 6:00:00 ч.", six, None),
+        ("1.6.2026 г.", 0.0, None),
     ] {
         for order in Order::ALL {
             assert_eq!(read(cell, order), Some((seconds, offset)), "{cell} {order:?}");
@@ -74,6 +103,7 @@ fn three_numbers_are_read_in_the_order_that_is_decided() {
     assert_eq!(day("01/06/2026", Order::Ymd), None);
     // With points and two digits of the year, too.
     assert_eq!(day("1.6.26 0:00", Order::Dmy), Some(0.0));
+    assert_eq!(day("1. 6. 26. 0:00", Order::Dmy), Some(0.0));
     assert_eq!(day("26.06.01", Order::Ymd), Some(0.0));
     assert_eq!(day("06.01.26", Order::Mdy), Some(0.0));
 }
@@ -99,6 +129,12 @@ fn what_is_no_stamp_is_none() {
         "Jun 1",
         "1780293600",
         "2026-06-01 06:00:00+99:00",
+        "2026-166",
+        "2026-000 06:00:00",
+        "2025-366 06:00:00",
+        "2026-06-01 V",
+        "06h75m02s",
+        "1. 6. 2026 at",
     ] {
         assert_eq!(scan(cell), None, "{cell}");
     }

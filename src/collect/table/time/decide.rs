@@ -1,13 +1,15 @@
 //! Which of the ways to read the column is right, or why none is.
 
 use super::super::error::{TableError, shown};
+use super::super::header_format;
 use super::super::header_zone::HeaderZone;
 use super::super::number::Decimal;
-use super::super::options::{self, Format, Told, Unit, Zone};
+use super::super::options::{self, Format, Told, Zone};
 use super::super::stamp::Order;
 use super::reading::{How, Reading, Spread};
-use super::tally::{Groups, Numbers, SERIAL, SERIAL_OR_MJD, Times, Track};
+use super::tally::{Groups, Numbers, Times, Track};
 use super::turns::{missing_hour, not_of_twelve_hours_a_day};
+use super::units::{per_second, unit_said};
 
 /// Stamps that may be missing or wrong within a column: one in so many.
 pub(super) const BAD: u64 = 50;
@@ -19,16 +21,6 @@ const FEW: u64 = 3;
 const ROWS: u64 = 10;
 /// Rows from which one time for all of them is none.
 const FEW_ROWS: u64 = 20;
-/// Steps of seconds below which days of a spreadsheet are meant (s read as days: 86 s).
-const STEP_OF_DAYS: f64 = 1e-3;
-/// Steps of seconds above which a doubt between the two is gone.
-const STEP_OF_SECONDS: f64 = 0.05;
-/// Seconds between samples from which milliseconds may be meant instead.
-const LONG_STEP: f64 = 500.0;
-/// Minutes since 1970 from 2010 to 2045; as seconds they are the clock of a device that has run for most of a year.
-const MINUTES_SINCE_1970: std::ops::Range<f64> = 21_000_000.0..39_500_000.0;
-/// Steps below which they may be minutes.
-const SHORT_STEP: f64 = 0.5;
 /// A record may rest for so long (s), and a wrong order of day and month leaps by at least four weeks.
 const REST: f64 = 10.0 * 86_400.0;
 pub(super) const LEAP: f64 = 25.0 * 86_400.0;
@@ -48,6 +40,8 @@ pub struct Column<'a> {
     pub name: &'a str,
     /// The unit in the header or in a row of units.
     pub unit: Option<&'a str>,
+    /// The zone that the table states beside the times.
+    pub zone: Option<&'a HeaderZone>,
 }
 
 impl Times {
@@ -67,7 +61,7 @@ impl Times {
         let dated = self.dates.iter().map(|track| track.count).max().unwrap_or(0);
         let best = [numbers.track.count, dated, self.clocks.count, self.moments.count, self.formatted.count];
         let most = best.into_iter().max().unwrap_or(0);
-        let of_header = if told.zone.name.is_none() { header_zone(column)? } else { None };
+        let of_header = if told.zone.name.is_none() { self.stated_zone(column)? } else { None };
         if let (Some((line, cell)), None, None) = (&self.letters, &told.zone.name, &of_header) {
             return Err(TableError::refused(format!(
                 "{} {line}, column {} ({}): the letters in {cell:?} are those of several zones; say which with --tz, such as \
@@ -76,7 +70,7 @@ impl Times {
             )));
         }
         let zone = || match &of_header {
-            Some(zone) => format!(" ({} by the header)", zone.name.as_deref().unwrap_or_default()),
+            Some(zone) => format!(" ({} by the header)", shown(zone.name.as_deref().unwrap_or_default())),
             None => zone_said(told),
         };
         let new = |how, said: String| Reading::new(how, of_header.as_ref().unwrap_or(&told.zone), said);
@@ -143,6 +137,36 @@ impl Times {
         Ok(reading)
     }
 
+    /// The zone that the header says, or another place of the table.
+    ///
+    /// # Errors
+    /// Letters or words that do not say whose zone it is, where times have no offset.
+    fn stated_zone(&self, column: &Column<'_>) -> Result<Option<Zone>, TableError> {
+        let own = column.unit.and_then(HeaderZone::behind_times);
+        let beside = column.zone.filter(|_| own.is_none() && !column.unit.is_some_and(HeaderZone::is_utc));
+        let days = |numbers: &Numbers| numbers.serial.max(numbers.date_num) * 2 > self.rows;
+        let is_needed = self.offsets[1].is_some()
+            || self.moments.count + self.formatted.count > 0
+            || self.numbers.iter().any(days);
+        let is_own = own.is_some();
+        let Column { number, name, .. } = column;
+        match own.as_ref().or(beside) {
+            Some(HeaderZone::Offset(name)) => {
+                let rules = options::zone(name);
+                Ok(rules.map(|rules| Zone { name: Some(name.clone()), rules: Some(rules) }))
+            }
+            Some(HeaderZone::Letters(letters)) if is_own || is_needed => Err(TableError::refused(format!(
+                "column {number} ({name}): {letters} alone is no zone; say which with --tz, such as Europe/Berlin or +02:00"
+            ))),
+            Some(HeaderZone::Words(words)) if is_needed => Err(TableError::refused(format!(
+                "column {number} ({name}): the table says {:?} of its times, which does not tell whose clock it is; say the zone with \
+                 --tz, such as Europe/Berlin, +02:00 or UTC",
+                shown(words)
+            ))),
+            _ => Ok(None),
+        }
+    }
+
     /// Whether so many cells can be read that the rest may be left out.
     fn enough(&self, track: &Track, column: &Column<'_>, told: &Told) -> Result<(), TableError> {
         let trailing = self.rows - track.last_row;
@@ -164,6 +188,23 @@ impl Times {
         if let Some(Format::Pattern(pattern)) = &told.format {
             return Err(TableError::refused(format!(
                 "{row_name} {line}, column {number} ({name}): {cell:?} is not written as --time-format {pattern}"
+            )));
+        }
+        if within * BAD > self.rows && within * 2 < self.rows && trailer {
+            return Err(TableError::refused(format!(
+                "{row_name} {line}, column {number} ({name}): {cell:?} is no time, and {within} of {} rows have none: more than one row \
+                 in fifty is no sample; take them out of the table",
+                self.rows
+            )));
+        }
+        let begins = |date: &str| date.starts_with(|c: char| c.is_ascii_digit());
+        // `20260615 60000`, `15.06.2026 21600`, `46188 0.25`.
+        if let Some((date, clock)) =
+            cell.split_once(' ').filter(|(date, clock)| begins(date) && clock.trim().parse::<f64>().is_ok())
+        {
+            return Err(TableError::refused(format!(
+                "{row_name} {line}, column {number} ({name}): {cell:?} is no time: {clock} behind {date} may be the digits of a clock, \
+                 seconds of the day or a part of it; save it as a time of day, such as 06:00:00"
             )));
         }
         Err(TableError::refused(format!(
@@ -208,102 +249,6 @@ impl Times {
         )))
     }
 
-    fn unit(
-        &self,
-        numbers: &Numbers,
-        column: &Column<'_>,
-        told: &Told,
-        all: u64,
-    ) -> Result<Unit, TableError> {
-        let named = told.unit.or_else(|| column.unit.and_then(Unit::of));
-        let Column { row_name, number, name, .. } = column;
-        let doubt = |what: String| {
-            Err(TableError::refused(format!(
-                "column {number} ({name}): {what}; say --time-unit s, ms, us, ns, min, h, days, s1904, ticks, datenum or mjd"
-            )))
-        };
-        const UNITS: [Unit; 7] = [
-            Unit::Seconds,
-            Unit::Millis,
-            Unit::Micros,
-            Unit::Ticks,
-            Unit::Nanos,
-            Unit::FileTime,
-            Unit::SecondsSince1904,
-        ];
-        let most = |count: u64| count > 0 && (all - count) * BAD <= all;
-        let shown = numbers.track.least;
-        let by_range = numbers.ranges.iter().position(|count| most(*count)).map(|at| UNITS[at]);
-        if let Some(unit) = told.unit {
-            return Ok(unit);
-        }
-        if numbers.are_clock_digits() && (by_range.is_some() || most(numbers.small)) {
-            return Err(TableError::refused(format!(
-                "{row_name} {}, column {number} ({name}): the last two digits never reach 60, nor do those before them: {shown} may be the \
-                 digits of a clock; say so with --time-format, such as %H%M%S, or --time-unit s",
-                self.first_line()
-            )));
-        }
-        match (by_range, named) {
-            (Some(found), None) => return Ok(found),
-            (Some(found), Some(named)) if found == named => return Ok(found),
-            (Some(Unit::SecondsSince1904), Some(Unit::Seconds)) => return Ok(Unit::SecondsSince1904),
-            (Some(found), Some(named)) => {
-                return doubt(format!(
-                    "{shown} would be a date of our time in {}, and its unit is {}",
-                    of(found),
-                    of(named)
-                ));
-            }
-            _ => {}
-        }
-        if numbers.track.count > 0 && !most(numbers.small) && named.is_none() {
-            let beyond = if numbers.track.most.abs() > -shown { numbers.track.most } else { shown };
-            return Err(TableError::refused(format!(
-                "{row_name} {}, column {number} ({name}): {beyond:?} is a time of our days in no unit; say --time-unit, or where the \
-                 digits are a date --time-format, such as %y%m%d%H%M%S",
-                self.first_line()
-            )));
-        }
-        let step = numbers.track.usual_step().unwrap_or(0.0);
-        let minute = seconds_of_a_minute(&numbers.track).unwrap_or(0.0);
-        let of_wincc = |value: f64| (SERIAL.0 * 1e6..SERIAL.1 * 1e6).contains(&value);
-        match named {
-            Some(Unit::Millis) if of_wincc(shown) => doubt(format!(
-                "{shown} is no time in milliseconds but, as WinCC counts, in millionths of a day: take the column of dates with --time"
-            )),
-            Some(unit) => Ok(unit),
-            None if most(numbers.serial) && step > 0.0 && step < STEP_OF_DAYS => {
-                match shown < SERIAL_OR_MJD {
-                    true => Ok(Unit::Days),
-                    false => doubt(format!(
-                        "{shown} may be days of a spreadsheet, which is 2051 or later, or modified Julian days"
-                    )),
-                }
-            }
-            None if most(numbers.date_num) && step > 0.0 && step < STEP_OF_DAYS => Ok(Unit::DateNum),
-            None if most(numbers.serial) && step > 0.0 && step < STEP_OF_SECONDS => {
-                doubt(format!("{shown} in steps of {step} may be seconds or days of a spreadsheet"))
-            }
-            None if step > 0.0 && step < STEP_OF_DAYS => {
-                doubt(format!("steps of {step} are too short for seconds"))
-            }
-            None if step > 0.0 && step < SHORT_STEP && MINUTES_SINCE_1970.contains(&shown) => {
-                doubt(format!("{shown} in steps of {step:.3} may be seconds or minutes since 1970"))
-            }
-            None if minute > 0.0 => doubt(format!(
-                "steps of {minute:.4} may be seconds, or minutes (then {:.0} s)",
-                minute * 60.0
-            )),
-            None if step >= LONG_STEP => doubt(format!("steps of {step} may be seconds or milliseconds")),
-            None => Ok(Unit::Seconds),
-        }
-    }
-
-    fn first_line(&self) -> u64 {
-        self.example.as_ref().map_or(1, |(line, _)| *line)
-    }
-
     /// The order of day, month and year that the column proves, or that was told.
     fn order(&self, column: &Column<'_>, told: &Told) -> Result<Order, TableError> {
         if let Some(Format::Order(order)) = told.format {
@@ -320,12 +265,19 @@ impl Times {
         if left.iter().all(|order| same(order, &left[0])) {
             return Ok(left[0]);
         }
+        let stated = column.unit.and_then(header_format::order).filter(|order| left.contains(order));
         // Beyond midnight the right order goes on, and a wrong one leaps by months.
         let steady: Vec<Order> = left.iter().copied().filter(|order| track(order).jump < REST).collect();
-        if steady.len() == 1
-            && left.iter().filter(|order| !steady.contains(order)).all(|o| track(o).jump > LEAP)
-        {
-            return Ok(steady[0]);
+        let goes_on = steady.first().filter(|_| {
+            let mut others = left.iter().filter(|order| !steady.contains(order));
+            steady.len() == 1 && others.all(|order| track(order).jump > LEAP)
+        });
+        match (goes_on, stated) {
+            // The header says another order than the midnight in the column.
+            (Some(order), Some(stated)) if *order != stated => {}
+            (Some(order), _) => return Ok(*order),
+            (None, Some(stated)) => return Ok(stated),
+            (None, None) => {}
         }
         // With points and two digits of the year it is the order of most of Europe.
         if self.dotted && left.contains(&Order::Dmy) {
@@ -362,7 +314,12 @@ impl Times {
         }
         let cell = cell.split_once([' ', 'T']).map_or(cell, |(date, _)| date);
         let kind = if cell.len() >= 4 && cell.as_bytes()[..4].iter().all(u8::is_ascii_digit) {
-            if cell.contains('/') { "yyyy/mm/dd" } else { "yyyy-mm-dd" }
+            let of_year = cell.len() == "2026-166".len() && cell.as_bytes()[4] == b'-';
+            match (cell.contains('/'), of_year) {
+                (true, _) => "yyyy/mm/dd",
+                (false, true) => "yyyy-ddd",
+                (false, false) => "yyyy-mm-dd",
+            }
         } else if cell.contains(char::is_alphabetic) {
             "dd-mmm-yy"
         } else {
@@ -370,17 +327,6 @@ impl Times {
         };
         format!("time {kind}")
     }
-}
-
-/// The usual step, or the mean of all, where it is whole seconds as a part of a minute and no round number by itself: 0.0333 is
-/// 2 s.
-fn seconds_of_a_minute(track: &Track) -> Option<f64> {
-    let off = |value: f64| (value - value.round()).abs();
-    let mean = (track.most - track.least) / (track.count.max(2) - 1) as f64;
-    [track.usual_step()?, mean].into_iter().find(|step| {
-        let seconds = step * 60.0;
-        (1.0..60.0).contains(&seconds.round()) && off(seconds) < 0.005 * seconds && off(step * 100.0) > 0.1
-    })
 }
 
 /// Refuses numbers that begin again, such as seconds of the day: sorted, one part would lie within the other. A single number
@@ -435,67 +381,8 @@ fn short(order: Order) -> &'static str {
     }
 }
 
-/// The zone that the header says.
-///
-/// # Errors
-/// Letters that do not say whose zone it is.
-fn header_zone(column: &Column<'_>) -> Result<Option<Zone>, TableError> {
-    match column.unit.and_then(HeaderZone::of) {
-        None => Ok(None),
-        Some(HeaderZone::Offset(name)) => {
-            let rules = options::zone(&name);
-            Ok(rules.map(|rules| Zone { name: Some(name), rules: Some(rules) }))
-        }
-        Some(HeaderZone::Letters(letters)) => Err(TableError::refused(format!(
-            "column {} ({}): {letters} alone is no zone; say which with --tz, such as Europe/Berlin or +02:00",
-            column.number, column.name
-        ))),
-    }
-}
-
 fn zone_said(told: &Told) -> String {
     told.zone.name.as_ref().map_or_else(|| " (UTC)".to_string(), |name| format!(" ({} by --tz)", shown(name)))
-}
-
-fn of(unit: Unit) -> &'static str {
-    match unit {
-        Unit::Seconds => "seconds",
-        Unit::Millis => "milliseconds",
-        Unit::Micros => "microseconds",
-        Unit::Nanos => "nanoseconds",
-        Unit::SecondsSince1904 => "seconds since 1904 (LabVIEW)",
-        Unit::Minutes => "minutes",
-        Unit::Hours => "hours",
-        Unit::Days => "days of a spreadsheet",
-        Unit::FileTime => "tenths of a microsecond since 1601",
-        Unit::Ticks => "tenths of a microsecond since the year 1 (.NET)",
-        Unit::DateNum => "days since the year 0 (MATLAB)",
-        Unit::Mjd => "modified Julian days",
-    }
-}
-
-fn per_second(unit: Unit) -> f64 {
-    match unit {
-        Unit::Seconds | Unit::SecondsSince1904 => 1.0,
-        Unit::Millis => 1e3,
-        Unit::Micros => 1e6,
-        Unit::Nanos => 1e9,
-        Unit::Minutes => 1.0 / 60.0,
-        Unit::Hours => 1.0 / 3600.0,
-        Unit::Days | Unit::DateNum | Unit::Mjd => 1.0 / 86_400.0,
-        Unit::FileTime | Unit::Ticks => 1e7,
-    }
-}
-
-fn unit_said(unit: Unit, numbers: &Numbers, zone: &str) -> String {
-    let epoch = numbers.ranges.iter().any(|count| *count * 2 > numbers.track.count);
-    match unit {
-        Unit::Days | Unit::DateNum | Unit::Mjd => format!("time in {}{zone}", of(unit)),
-        _ if epoch && !matches!(unit, Unit::FileTime | Unit::Ticks | Unit::SecondsSince1904) => {
-            format!("time in {} since 1970", of(unit))
-        }
-        _ => format!("time in {}", of(unit)),
-    }
 }
 
 /// Stamps that are cut to whole seconds or minutes, with several rows each.
