@@ -57,14 +57,14 @@ pub struct HealthSnapshot {
     pub refused_payloads: u64,
     /// Messages of an edge node that were missed, told by their numbers.
     pub sequence_gaps: u64,
-    /// When the last good sample came (s); none yet when `None`.
+    /// When the last good value came (s), a new one or the same again; none yet when `None`.
     pub last_good: Option<f64>,
     /// Whether a connection is open. It says little: judge a device by [`HealthSnapshot::age_s`].
     pub connected: bool,
 }
 
 impl HealthSnapshot {
-    /// Time since the last good sample (s) at time `now` (s): the measure of liveness.
+    /// Time since the last good value (s) at time `now` (s): the measure of liveness.
     pub fn age_s(&self, now: f64) -> Option<f64> {
         self.last_good.map(|t| now - t)
     }
@@ -160,6 +160,11 @@ impl DeviceHealth {
         if let Some(t) = good_at {
             self.last_good.store(t.to_bits(), Relaxed);
         }
+    }
+
+    /// A good value came at time `t` (s) that is no news: its source lives, though nothing of it changes.
+    pub(super) fn still_good(&self, t: f64) {
+        self.last_good.store(t.to_bits(), Relaxed);
     }
 
     /// Samples that came from the device's history.

@@ -180,7 +180,7 @@ impl Config {
         out
     }
 
-    /// Alarms of a device that would be raised between two of its polls.
+    /// Alarms of a device that would be raised between two of its polls, or before its silence is looked into.
     fn too_soon(&self) -> Vec<String> {
         let down = &self.alarm.collector_down;
         let polls = self.modbus.iter().map(|own| (&own.name, own.poll_ms));
@@ -196,7 +196,18 @@ impl Config {
                 )
             })
         };
-        all.filter_map(told).collect()
+        let subscribed = self.opcua.iter().filter(|own| own.mode == opcua::Mode::Subscribe);
+        let silent = subscribed.map(|own| (&own.name, own.silent_s));
+        let silent = silent.chain(self.mqtt.iter().map(|own| (&own.name, own.silent_s)));
+        let quiet = silent.filter(|(_, silent_s)| down.enabled && down.after_s < *silent_s).map(|(name, silent_s)| {
+            format!(
+                "{name}: it is looked into after silent_s = {silent_s} without a value, and [alarm.collector_down] after_s = {} takes \
+                 it for down before: write {} or more, or a shorter silent_s",
+                down.after_s,
+                2.0 * silent_s
+            )
+        });
+        all.filter_map(told).chain(quiet).collect()
     }
 
     /// Kinds of alarms that a receiver asks for and its least priority keeps away.
@@ -358,6 +369,16 @@ mod tests {
         assert!(found.contains("write 900 or more"), "{found}");
         let waits = format!("[alarm.collector_down]\nafter_s = 900\n{slow}");
         assert_eq!(remarks(&waits), "");
+        let tag = |role: &str| format!("[loop.{role}]\ndevice = 'b'\ntopic = '{role}'\n");
+        let broker = |silent_s: u32| {
+            format!(
+                "[[mqtt]]\nname = 'b'\naddress = 'broker:1883'\nsilent_s = {silent_s}\n[[loop]]\nid = 'A'\nop_span = 100.0\n{}{}",
+                tag("op"),
+                tag("pv")
+            )
+        };
+        assert!(remarks(&broker(600)).contains("b: it is looked into after silent_s = 600 without a value"));
+        assert!(!remarks(&broker(120)).contains("silent_s"), "{}", remarks(&broker(120)));
         let found = errors(&format!("[diagnosis]\nts_s = 0.1\n{DEVICE}{}", of_loop(PLAIN, "")));
         assert!(
             found.contains("ts_s: 0.1 is shorter than the time between two polls of every loop, 1 s of A"),

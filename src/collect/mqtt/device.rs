@@ -393,18 +393,19 @@ impl Collector {
         sink: &dyn Sink,
     ) -> Result<Option<bool>, Refused> {
         let tag = &self.plan.tags[at];
-        let (sample, jumped) = match self.tags[at].take(tag, told, came, self.plan.config.time_fallback)? {
-            Taken::Sample { sample, jumped } => (sample, jumped),
-            // A source that says the same again is no silent one.
-            Taken::Again => {
-                self.heard = came.steady;
-                return Ok(None);
+        let good =
+            told.quality.is_good() && told.raw.is_some_and(|raw| tag.scaling.read(raw).quality.is_good());
+        let taken = self.tags[at].take(tag, told, came, self.plan.config.time_fallback)?;
+        let Taken::Sample { sample, jumped } = taken else {
+            // A source that says the same again is no silent one; what the broker had kept, no source says.
+            self.heard = came.steady;
+            if good && !came.retained {
+                self.health.still_good(came.t);
             }
-            Taken::Old => {
-                self.heard = came.steady;
+            if taken == Taken::Old {
                 self.health.discarded();
-                return Ok(None);
             }
+            return Ok(None);
         };
         if jumped {
             self.health.clock_jumped();
@@ -493,3 +494,6 @@ fn broken(error: &ConnectionError) -> Lost {
         error => Lost::Broken(error.to_string()),
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -80,7 +80,8 @@ impl State {
             (None, TimeFallback::None) => return Err(Refused::Time),
         };
         let usable = told.raw.is_some() && !matches!(told.quality, Quality::Bad(_));
-        let unchanged = self.lost && usable && !told.buffered && self.told == Some(t);
+        let same = usable && !told.buffered && self.told == Some(t);
+        let unchanged = self.lost && same;
         self.told = Some(t);
         // A value that did not change while it could not be had keeps its old stamp, but comes after the mark; right after it,
         // for what changed since then may still be on its way.
@@ -92,11 +93,12 @@ impl State {
         let order = if told.buffered { self.series.filled(t) } else { self.series.live(t) };
         match order {
             Order::New | Order::SetBack => {}
-            Order::Again => {
+            Order::Old if !same => return Ok(Taken::Old),
+            // What did not change over an outage stands behind the mark; with its old stamp it is no older for that.
+            Order::Again | Order::Old => {
                 self.heard = Some(came.steady);
                 return Ok(Taken::Again);
             }
-            Order::Old => return Ok(Taken::Old),
         }
         let set_back = order == Order::SetBack;
         let jumped = self.clock.heard(t, came.steady, came.t, set_back).is_some();
@@ -217,7 +219,8 @@ mod tests {
         let back = sample(state.take(&tag, told(50.0, Some(100.0)), came(9105.0, true), fallback));
         assert!(back.quality.is_good() && back.value == 50.0 && back.t > mark.t, "{back:?}");
         let again = state.take(&tag, told(50.0, Some(100.0)), came(9106.0, true), fallback);
-        assert_eq!(again, Ok(Taken::Old), "once");
+        assert_eq!(again, Ok(Taken::Again), "once");
+        assert!(!state.is_overdue(9116.0, 10.0), "its source says it still");
         assert!(
             sample(state.take(&tag, told(51.0, Some(9110.0)), came(9110.0, false), fallback)).t == 9110.0
         );

@@ -353,6 +353,10 @@ impl Collector {
         };
         self.tags[at].raw = raw.ok();
         let order = self.tags[at].series.live(t);
+        if !order.is_news() && reading.quality.is_good() {
+            // By our clock: a value that does not change may keep its stamp for ever.
+            self.health.still_good(now);
+        }
         let gap = std::mem::take(&mut self.tags[at].gap);
         if order == Order::Old {
             self.health.discarded();

@@ -85,6 +85,26 @@ fn forward(samples: &[Sample]) -> bool {
 }
 
 #[tokio::test(start_paused = true)]
+async fn a_value_that_does_not_change_is_a_sign_of_life() {
+    let (sink, mut collector) = (Recorder::default(), collector(1, "", None));
+    let health = collector.health();
+    let last = || health.snapshot().last_good.expect("one came");
+    collector.live(0, &good(5.0, START), &sink);
+    assert_eq!(last(), START);
+    pass(300.0).await;
+    collector.live(0, &good(5.0, START), &sink);
+    assert!(last() >= START + 300.0 && sink.of(0).len() == 1, "no sample, and alive");
+    // It could not be had for a while, and is as it was: behind the mark, and then the same again.
+    pass(300.0).await;
+    collector.live(0, &bad(START + 600.0), &sink);
+    assert!(last() < START + 600.0, "that is no good answer");
+    collector.live(0, &good(5.0, START), &sink);
+    pass(300.0).await;
+    collector.live(0, &good(5.0, START), &sink);
+    assert!(last() >= START + 900.0 && sink.of(0).len() == 3, "{:?}", sink.of(0));
+}
+
+#[tokio::test(start_paused = true)]
 async fn one_stamp_of_another_century_stops_no_tag_over_an_outage() {
     let (sink, mut collector) = (Recorder::default(), collector(3, "fill_gaps = false", None));
     for _ in 0..5 {
