@@ -1,9 +1,11 @@
 //! The values that walk through the house: samples with a quality, the raw record of one loop, and the
 //! equally sampled window that the diagnosis works on. Imports nothing internal.
 
+mod moment;
 mod outages;
 mod span;
 
+pub use moment::moment;
 pub use outages::{LARGEST_VALUE, outages, quantile};
 pub use span::{MILLIAMPERES, Scale, SpanSource, figures, span_at_least, span_of_unit, told, trimmed};
 use std::borrow::Cow;

@@ -14,6 +14,10 @@ const LEAST_SAMPLES: usize = 100;
 const MOST_SAMPLES: usize = 4000;
 /// Shortest period whose shape can be told (samples).
 const SHORTEST_PERIOD: f64 = 10.0;
+/// Largest share of rows that were not measured at which the shape of a cycle is told (-). What stands there is a linear model's,
+/// which makes sines of all shapes; a tenth of them moves an index of He's, 0 for a sine and 1 for a triangle, by no more than half
+/// of what lies between his thresholds.
+const MOST_MISSING: f64 = 0.1;
 
 /// A window, normalised, and what was decided about it.
 #[derive(Clone, Debug)]
@@ -104,6 +108,21 @@ impl<'a> Facts<'a> {
         Ok(period)
     }
 
+    /// Whether enough of the rows were measured for a method that takes all of them for measurements.
+    ///
+    /// # Errors
+    /// Why not.
+    pub fn measured(&self) -> Result<(), String> {
+        let missing = self.window.missing();
+        if missing > MOST_MISSING {
+            return Err(format!(
+                "{:.0} % of the samples are missing, and this method cannot leave them out",
+                100.0 * missing
+            ));
+        }
+        Ok(())
+    }
+
     /// Number of samples.
     pub fn len(&self) -> usize {
         self.u.len()
@@ -167,4 +186,35 @@ fn normal(v: &[f64]) -> Option<(Vec<f64>, f64)> {
     // Movement that is only rounding is none.
     let moves = s.is_finite() && s > 1e-12 * m.abs().max(f64::MIN_POSITIVE);
     moves.then(|| (normalised(v, m, s), s))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Method, Says, opinion, picture};
+    use super::*;
+    use crate::signal::Row;
+    use std::f64::consts::TAU;
+
+    #[test]
+    fn what_was_not_measured_has_no_shape() {
+        let wave = |phase: f64| -> Vec<f64> {
+            (0..960).map(|k| (TAU * f64::from(k) / 60.0 + phase).sin()).collect()
+        };
+        let lost = |every: usize| -> Vec<Row> {
+            (0..960).map(|k| if k % every == 0 { Row::Missing } else { Row::Counts }).collect()
+        };
+        let says = |method, rows| {
+            let window = Window { ts: 1.0, op: wave(0.0), pv: wave(3.0), rows, ..Window::default() };
+            let facts = Facts::new(&window, Some(false)).expect("both move");
+            assert!(facts.measured().is_ok() || picture(Method::He2007, &facts).is_empty());
+            opinion(method, &facts)
+        };
+        // One row in twelve, and one in six.
+        assert_eq!(says(Method::He2007, lost(12)).says, Says::Sound);
+        let found = says(Method::He2007, lost(6));
+        assert_eq!(found.says, Says::CannotTell);
+        assert!(found.why.starts_with("17 % of the samples are missing"), "{found:?}");
+        // The program's own fit of d leaves such rows out.
+        assert!(!says(Method::Srinivasan2005D, lost(6)).why.contains("missing"));
+    }
 }

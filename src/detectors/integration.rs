@@ -78,18 +78,18 @@ impl Integration {
 /// What a loop's name tells, by the first letter of its instrument (ISA-5.1): levels integrate, flows do not; pressures,
 /// temperatures and analyses may do either.
 ///
-/// `name`: as plants write it, with the area before it and anything behind (`2111LIC31102B`, `FIC-101`, `10.FC.7`).
+/// `name`: as plants write it, with the area before it and numbers behind (`2111LIC31102B`, `FIC-101`, `10.FC.7`). The last word
+/// that may be a controller's is asked: an area before it may look like one (`FCC-LIC-201`).
 pub fn told_by_name(name: &str) -> Option<bool> {
-    let words = name.split(|c: char| !c.is_ascii_alphabetic()).filter(|word| !word.is_empty());
-    words.into_iter().find_map(|word| {
-        let word = word.to_ascii_uppercase();
-        let controls = word.len() > 1 && word.len() < 5 && word[1..].contains('C');
-        match word.as_bytes()[0] {
-            b'L' if controls => Some(true),
-            b'F' if controls => Some(false),
-            _ => None,
-        }
-    })
+    let controls = |word: &&str| {
+        (2..5).contains(&word.len()) && word.chars().skip(1).any(|letter| letter.eq_ignore_ascii_case(&'C'))
+    };
+    let controller = name.rsplit(|c: char| !c.is_ascii_alphabetic()).find(controls)?;
+    match controller.bytes().next()?.to_ascii_uppercase() {
+        b'L' => Some(true),
+        b'F' => Some(false),
+        _ => None,
+    }
 }
 
 /// What tells it, as the methods see it.
@@ -246,6 +246,12 @@ mod tests {
             ("FIC-101", Some(false)),
             ("10.FC.7", Some(false)),
             ("RHT.7050-342_FIC11502", Some(false)),
+            ("fic-7", Some(false)),
+            // Names of units are no instruments.
+            ("FCC-LIC-201", Some(true)),
+            ("FCC_TIC_202", None),
+            ("FRAC_TIC101", None),
+            ("LACT-PIC-1", None),
             ("PIC10201", None),
             ("TC1", None),
             ("LT-5", None),

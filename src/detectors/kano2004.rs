@@ -117,6 +117,8 @@ pub struct Parallelogram {
     pub index: f64,
     /// xi_max (unit of OP).
     pub s: f64,
+    /// Sign of r there: below 0 the stem, or what stands for it, moves against OP.
+    pub sign: f64,
     /// |r| over xi_max.
     pub tried: Vec<(f64, f64)>,
 }
@@ -138,19 +140,19 @@ pub fn parallelogram(u: &[f64], y: &[f64]) -> Option<Parallelogram> {
         return None;
     }
     let (low, high) = range(u);
-    let (mut tried, mut best) = (Vec::with_capacity(BANDS), (f64::NEG_INFINITY, 0.0));
+    let (mut tried, mut best) = (Vec::with_capacity(BANDS), (f64::NEG_INFINITY, 0.0, 1.0));
     for i in 0..BANDS {
         let top = (high - low) * i as f64 / BANDS as f64;
-        let r = correlation(&behind(u, top), y)?.abs();
-        tried.push((top, r));
-        if r > best.0 {
-            best = (r, top);
+        let r = correlation(&behind(u, top), y)?;
+        tried.push((top, r.abs()));
+        if r.abs() > best.0 {
+            best = (r.abs(), top, r.signum());
         }
     }
     let plain = tried.first()?.1;
     // Without a dead band the correlation may be perfect already: nothing is left to improve.
     let left = (1.0 - plain).max(1e-9);
-    Some(Parallelogram { index: (best.0 - plain) / left, s: best.1, tried })
+    Some(Parallelogram { index: (best.0 - plain) / left, s: best.1, sign: best.2, tried })
 }
 
 /// What method B looks at: what stands for the stem, and the parallelogram.

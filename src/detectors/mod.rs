@@ -44,8 +44,20 @@ pub fn opinions(window: &Window, integrates: Option<bool>) -> Vec<Opinion> {
     }
 }
 
+/// The methods that leave out the rows that were not measured: those of the stem and of the program's own fit. To all others
+/// what stands there is a measurement.
+const LEAVE_OUT: [Method; 2] = [Method::StemLoop, Method::Srinivasan2005D];
+
+/// Whether a method can be asked about rows of which some were not measured.
+fn can_be_asked(method: Method, facts: &Facts<'_>) -> Result<(), String> {
+    if LEAVE_OUT.contains(&method) { Ok(()) } else { facts.measured() }
+}
+
 /// The opinion of one method.
 pub fn opinion(method: Method, facts: &Facts<'_>) -> Opinion {
+    if let Err(why) = can_be_asked(method, facts) {
+        return Opinion::cannot_tell(method, why);
+    }
     match method {
         Method::StemLoop => stem_loop::opinion(facts),
         Method::Horch1999 => horch1999::opinion(facts),
@@ -64,6 +76,9 @@ pub fn opinion(method: Method, facts: &Facts<'_>) -> Opinion {
 
 /// What a method looked at; nothing where it does not apply.
 pub fn picture(method: Method, facts: &Facts<'_>) -> Vec<Picture> {
+    if can_be_asked(method, facts).is_err() {
+        return Vec::new();
+    }
     match method {
         Method::StemLoop => stem_loop::picture(facts),
         Method::Horch1999 => horch1999::picture(facts),

@@ -8,6 +8,10 @@
 //! m: measured stem (its unit), x (OP unit), n: samples by which the stem is late; S: dead band plus stick band, J: slip jump
 //! (OP unit); V: mean square of e; index: the share that friction explains of what a line leaves (-).
 //!
+//! b may be negative: the position of a valve that opens without air is often measured in per cent open. Rows at which OP or PV
+//! was not measured are left out, and where the best valve leaves most of the stem's movement nothing is said: something else
+//! moves it, or only its sensor's noise does.
+//!
 //! Source: the valve is that of Choudhury, Thornhill & Shah, Control Eng. Practice 2005, 13, 641; the thresholds are
 //! calibrated on simulated loops by `numerics/examples/opinions -- --calibrate`.
 //! Limits: a positioner that is slow, or a stem that is stored as OP, has no loop; a lag of the positioner beyond the delays
@@ -16,9 +20,11 @@
 use super::facts::Facts;
 use super::opinion::{Band, Method, Opinion};
 use super::picture::{Layer, Picture, Tone, excerpt};
+use crate::signal::Row;
 use crate::sysid::least_squares::{dot, total};
 use crate::sysid::stats::mean;
 use crate::sysid::valve::{StopRule, ValveModel};
+use std::ops::Range;
 
 const ME: Method = Method::StemLoop;
 /// Thresholds of the index, calibrated (-): 95 % of the sound valves lie below 0.01, 95 % of the sticking above 0.5.
@@ -32,6 +38,12 @@ const JUMPS: usize = 4;
 const RESOLUTION: f64 = 1e-4;
 /// What a line may leave of the stem's variance before nothing is left to explain (-).
 const FLOOR: f64 = 1e-6;
+/// Share of the stem's variance that the best valve may leave (-): above it more of the stem's movement is something else's than
+/// OP's, as the noise of the sensor on a stem that has seized.
+const MOST_LEFT: f64 = 0.5;
+/// Mean square below which a signal stands still in the rows that count, in its variance over all rows (-): far above rounding,
+/// far below what any sensor resolves.
+const STILL: f64 = 1e-9;
 
 /// S and J (unit of `u`), and the index.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,6 +56,8 @@ pub struct Loop {
     pub rule: StopRule,
     /// Share explained (-).
     pub index: f64,
+    /// Share of the stem's variance that this valve leaves (-).
+    pub left: f64,
 }
 
 impl Loop {
@@ -60,14 +74,15 @@ fn plain(facts: &Facts<'_>, rule: StopRule) -> ValveModel {
 
 /// Fits the valve to a stem.
 pub fn fit(facts: &Facts<'_>, stem: &[f64]) -> Loop {
-    let without = left(&facts.u, stem);
+    let runs = measured(facts);
+    let without = left(&facts.u, stem, &runs);
     let mut best = (without, 0.0, 0.0, StopRule::Stop);
     let (mut x, mut dir) = (Vec::new(), Vec::new());
     let mut offer = |s: f64, j: f64, best: &mut (f64, f64, f64, StopRule)| {
         for rule in [StopRule::Stop, StopRule::Slip] {
             let valve = ValveModel { s, j, ..plain(facts, rule) };
             valve.run(&facts.u, facts.start, facts.len(), &mut x, &mut dir);
-            let left = left(&x, stem);
+            let left = left(&x, stem, &runs);
             if left < best.0 {
                 *best = (left, s, j, rule);
             }
@@ -90,21 +105,36 @@ pub fn fit(facts: &Facts<'_>, stem: &[f64]) -> Loop {
         }
     }
     let (left, s, j, rule) = best;
-    Loop { s, j, rule, index: 1.0 - (left + FLOOR) / (without + FLOOR) }
+    Loop { s, j, rule, index: 1.0 - (left + FLOOR) / (without + FLOOR), left }
 }
 
-/// Share of the stem's variance that a line of `x`, some samples late, leaves.
-fn left(x: &[f64], stem: &[f64]) -> f64 {
+/// The stretches of rows at which OP and PV were measured.
+fn measured(facts: &Facts<'_>) -> Vec<Range<usize>> {
+    let mut runs: Vec<Range<usize>> = Vec::new();
+    for k in (0..facts.len()).filter(|k| facts.window.row(*k) != Row::Missing) {
+        match runs.last_mut() {
+            Some(run) if run.end == k => run.end += 1,
+            _ => runs.push(k..k + 1),
+        }
+    }
+    runs
+}
+
+/// Share of the stem's variance that a line of `x`, some samples late, leaves: in stretches of rows, all within `x`.
+fn left(x: &[f64], stem: &[f64], runs: &[Range<usize>]) -> f64 {
     (0..=DELAYS)
         .map(|delay| {
-            let n = x.len() - delay;
-            let (x, m) = (&x[..n], &stem[delay..]);
-            let (count, sx, sm) = (n as f64, total(x), total(m));
-            let xx = dot(x, x) - sx * sx / count;
-            let mm = dot(m, m) - sm * sm / count;
-            let xm = dot(x, m) - sx * sm / count;
-            // A valve opens with OP: a stem that moves against it is none of its.
-            if xx > 0.0 && mm > 0.0 && xm > 0.0 { (1.0 - xm * xm / (xx * mm)).max(0.0) } else { 1.0 }
+            let (mut count, mut sx, mut sm, mut xx, mut mm, mut xm) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+            for run in runs.iter().filter(|run| run.len() > delay) {
+                let (x, m) = (&x[run.start..run.end - delay], &stem[run.start + delay..run.end]);
+                count += x.len() as f64;
+                (sx, sm) = (sx + total(x), sm + total(m));
+                (xx, mm, xm) = (xx + dot(x, x), mm + dot(m, m), xm + dot(x, m));
+            }
+            // Of no row at all these are no numbers, and compare as false.
+            let (xx, mm, xm) = (xx - sx * sx / count, mm - sm * sm / count, xm - sx * sm / count);
+            let moves = xx > STILL * count && mm > STILL * count;
+            if moves { (1.0 - xm * xm / (xx * mm)).max(0.0) } else { 1.0 }
         })
         .fold(1.0, f64::min)
 }
@@ -115,11 +145,14 @@ pub(super) fn picture(facts: &Facts<'_>) -> Vec<Picture> {
     let found = fit(facts, stem);
     let (mut x, mut dir) = (Vec::new(), Vec::new());
     found.valve(facts).run(&facts.u, facts.start, facts.len(), &mut x, &mut dir);
-    // The line of the fitted stem and the measured one, on which the misfit is judged.
-    let (mx, my) = (mean(&x), mean(stem));
+    // The line of the fitted stem and the measured one, on which the misfit is judged, in the rows in which it is.
+    let rows: Vec<usize> = measured(facts).into_iter().flatten().collect();
+    let judged = |v: &[f64]| rows.iter().map(|k| v[*k]).collect::<Vec<f64>>();
+    let (of_x, of_stem) = (judged(&x), judged(stem));
+    let (mx, my) = (mean(&of_x), mean(&of_stem));
     let slope = {
-        let moved = x.iter().zip(stem).map(|(x, m)| (x - mx) * (m - my)).sum::<f64>();
-        moved / x.iter().map(|x| (x - mx).powi(2)).sum::<f64>()
+        let moved = of_x.iter().zip(&of_stem).map(|(x, m)| (x - mx) * (m - my)).sum::<f64>();
+        moved / of_x.iter().map(|x| (x - mx).powi(2)).sum::<f64>()
     };
     let shown = excerpt(facts);
     let path = shown.clone().map(|k| (facts.u[k], stem[k])).collect();
@@ -136,6 +169,13 @@ pub(super) fn picture(facts: &Facts<'_>) -> Vec<Picture> {
 pub fn opinion(facts: &Facts<'_>) -> Opinion {
     let Some(stem) = &facts.stem else { return Opinion::cannot_tell(ME, "no stem that moves is measured") };
     let found = fit(facts, stem);
+    if found.left > MOST_LEFT {
+        let left = 100.0 * found.left;
+        let why = format!(
+            "neither OP nor a valve behind it moves the stem: they leave {left:.0} % of its variance"
+        );
+        return Opinion::cannot_tell(ME, why);
+    }
     let percent = 100.0 / facts.op_range();
     let why = format!(
         "S {:.0} and J {:.0} % of OP's range explain {:.0} % of what a line of OP and stem leaves",
@@ -144,4 +184,83 @@ pub fn opinion(facts: &Facts<'_>) -> Opinion {
         100.0 * found.index
     );
     Opinion::of(ME, found.index, BAND, why).with(found.s * facts.unit, "dead band plus stick band S")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::opinion::Says;
+    use super::*;
+    use crate::signal::Window;
+    use crate::sysid::valve::Start;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+    use std::f64::consts::TAU;
+
+    /// Twelve periods of 80 samples.
+    const N: usize = 960;
+
+    fn noise(seed: u64) -> Vec<f64> {
+        StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(seed)).take(N).collect()
+    }
+
+    fn swing() -> Vec<f64> {
+        let wave = |k: usize| 50.0 + 10.0 * (TAU * k as f64 / 80.0).sin();
+        noise(1).iter().enumerate().map(|(k, e)| wave(k) + 0.03 * e).collect()
+    }
+
+    /// The stem of a valve with a dead band of 3, which is 15 % of OP's range.
+    fn stuck(op: &[f64]) -> Vec<f64> {
+        let (mut stem, mut dir) = (Vec::new(), Vec::new());
+        let valve = ValveModel { s: 3.0, ..ValveModel::default() };
+        valve.run(op, Start { index: 20, is_max: true }, N, &mut stem, &mut dir);
+        stem.iter().zip(noise(2)).map(|(x, e)| x + 0.03 * e).collect()
+    }
+
+    fn said(op: &[f64], stem: Vec<f64>, rows: Vec<Row>) -> Opinion {
+        let (op, pv) = (op.to_vec(), op.to_vec());
+        let window = Window { ts: 1.0, op, pv, mv: Some(stem), rows, ..Window::default() };
+        opinion(&Facts::new(&window, Some(false)).expect("OP moves"))
+    }
+
+    #[test]
+    fn a_stem_that_moves_against_op_is_judged_as_its_mirror_image() {
+        let op = swing();
+        let stem = stuck(&op);
+        let mirrored: Vec<f64> = stem.iter().map(|x| 100.0 - x).collect();
+        let (along, against) = (said(&op, stem, Vec::new()), said(&op, mirrored, Vec::new()));
+        assert_eq!((along.says, against.says), (Says::Sticks, Says::Sticks), "{along:?} {against:?}");
+        let apart = along.index.zip(against.index).map(|(a, b)| (a - b).abs());
+        assert!(apart.is_some_and(|apart| apart < 1e-6), "{along:?} {against:?}");
+        // One that follows is sound either way.
+        for sign in [1.0, -1.0] {
+            let stem = op.iter().zip(noise(3)).map(|(u, e)| sign * u + 0.03 * e).collect();
+            assert_eq!(said(&op, stem, Vec::new()).says, Says::Sound);
+        }
+    }
+
+    #[test]
+    fn of_a_seized_stem_nothing_is_said() {
+        let stem = noise(4).iter().map(|e| 42.0 + 0.05 * e).collect();
+        let found = said(&swing(), stem, Vec::new());
+        assert_eq!((found.says, found.index), (Says::CannotTell, None), "{found:?}");
+        assert!(found.why.starts_with("neither OP nor a valve"), "{found:?}");
+    }
+
+    #[test]
+    fn what_was_not_measured_does_not_count() {
+        let op = swing();
+        let mut stem = stuck(&op);
+        let in_hole = |k: usize| (50..75).contains(&(k % 100));
+        for k in 1..N {
+            if in_hole(k) {
+                // The gate holds the stem there, while it carries OP on.
+                stem[k] = stem[k - 1];
+            }
+        }
+        let rows = (0..N).map(|k| if in_hole(k) { Row::Missing } else { Row::Counts }).collect();
+        let found = said(&op, stem, rows);
+        assert!(found.index.is_some_and(|index| index > 0.9), "{found:?}");
+        // 15 % of OP's range; a step of the grid is OP's range over 160.
+        assert!(found.quantity.is_some_and(|q| (q.value - 3.0).abs() < 0.2), "{found:?}");
+    }
 }

@@ -133,6 +133,16 @@ fn yamashita_published_threshold_is_what_unrelated_signals_give() {
     assert_eq!(sticks.says, Says::Sticks, "{sticks:?}");
     assert!(sticks.index.is_some_and(|index| index > 0.85), "{sticks:?}");
     assert_eq!(says(Method::Yamashita2006, &loaded(), false).says, Says::Sound);
+    // A process with a negative gain is the mirror image, and so is a valve that opens without air.
+    for window in [ahead, loaded()] {
+        let own = says(Method::Yamashita2006, &window, false);
+        let pv: Vec<f64> = window.pv.iter().map(|y| -y).collect();
+        for mv in [None, Some(pv.clone())] {
+            let turned = Window { pv: pv.clone(), mv, ..window.clone() };
+            let found = says(Method::Yamashita2006, &turned, false);
+            assert_eq!((found.says, found.index), (own.says, own.index), "{found:?}");
+        }
+    }
 }
 
 #[test]

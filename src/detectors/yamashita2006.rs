@@ -9,6 +9,10 @@
 //! rho_3 = rho_1 - (t of IS DD, IS DI, IS SD, IS ID, IS DS, DS DI, DS SI, DS ID, DS II, DS IS) / (t - t_SS)
 //! ```
 //!
+//! The stem is turned round first where it moves against OP, and PV for it where the process gain is negative: the states tell
+//! one way from the other. The gain's sign is that which the controller tells (`sysid::gain_sign`), else the sign of the
+//! correlation with OP behind the best dead band (`kano2004`).
+//!
 //! t: samples; t_XY of them in that state, t of `XY ZW` in runs of XY that ZW ends. rho_3 (-) is the index: above 0.25 the
 //! valve sticks. 0.25 is what signals without any relation give: two of eight states.
 //!
@@ -21,9 +25,12 @@
 //! for impossible.
 
 use super::facts::Facts;
+use super::kano2004::parallelogram;
 use super::opinion::{Band, Method, Opinion};
 use super::picture::{Layer, Picture, Tone, excerpt};
-use crate::sysid::stats::{mean, sd};
+use crate::signal::Row;
+use crate::sysid::gain_sign::gain_sign;
+use crate::sysid::stats::{mean, normalised, sd};
 
 const ME: Method = Method::Yamashita2006;
 /// The author's threshold (-).
@@ -124,7 +131,21 @@ fn look<'a>(facts: &'a Facts<'_>) -> Result<Looked<'a>, String> {
     let period = facts.oscillates()?;
     let (name, stem) = facts.stem_or_pv()?;
     let step = ((period / PARTS).round() as usize).max(1);
-    Ok(Looked { name, stem, step, states: states(&symbols(&facts.u, step), &symbols(stem, step)) })
+    let sign = sign(facts, stem);
+    let turned: Vec<f64> = stem.iter().map(|x| sign * x).collect();
+    Ok(Looked { name, stem, step, states: states(&symbols(&facts.u, step), &symbols(&turned, step)) })
+}
+
+/// -1 where the stem, or PV that stands for it, moves against OP; else 1.
+fn sign(facts: &Facts<'_>, stem: &[f64]) -> f64 {
+    let w = &facts.window;
+    let of_gain = || {
+        let sp = w.sp.as_ref().map(|sp| normalised(sp, mean(&w.pv), sd(&w.pv)));
+        gain_sign(&facts.u, &facts.y, sp.as_deref(), |k| w.row(k) == Row::Counts)
+    };
+    // The controller tells of PV alone: a measured stem may be that of a valve that opens without air, whatever the gain.
+    let told = if facts.stem.is_none() { of_gain() } else { None };
+    told.or_else(|| Some(parallelogram(&facts.u, stem)?.sign)).unwrap_or(1.0)
 }
 
 /// OP against the stem, the sticking samples marked.

@@ -16,7 +16,7 @@ pub mod service;
 pub mod settling;
 pub mod travel;
 
-use crate::signal::Window;
+use crate::signal::{Row, Window};
 use crate::sysid::spectrum::Transforms;
 use distribution::Distribution;
 use error::LoopError;
@@ -42,6 +42,10 @@ pub struct Known<'a> {
     pub sp_known: Option<usize>,
     /// For how long there has been nothing since the window's end (s): it is a part of the time that is asked of.
     pub silent_s: f64,
+    /// The valve's work as it was measured, where the window does not have its samples.
+    pub travel: Option<Travel>,
+    /// Whether most of OP's movement is too fast for the window: what is left of it does not say whether PV answers.
+    pub blurred: bool,
 }
 
 /// The indicators of one loop over one window.
@@ -65,7 +69,7 @@ pub struct Indicators {
     pub settling: Option<Settling>,
     /// The valve's work.
     pub travel: Travel,
-    /// Share of the time in which PV stands still while OP moves (0..1); none where OP does not move.
+    /// Share of the time in which PV stands still while OP moves (0..1); none where OP does not move, or too fast to be seen.
     pub stuck: Option<f64>,
     /// Where OP stays.
     pub distribution: Option<Distribution>,
@@ -114,6 +118,8 @@ pub fn indicators(window: &Window, known: &Known<'_>, transforms: &mut Transform
     let e = error::known_errors(&window.pv, sp, known.sp_known);
     let dead = known.dead_time_s.map_or(1, |dead| 1 + (dead / window.ts).round().clamp(0.0, 1e6) as usize);
     let oscillations = oscillation::oscillations(&e, window.ts, transforms);
+    let moved = window.mv.as_deref().unwrap_or(&window.op);
+    let is_missing = |k: usize| window.row(k) == Row::Missing;
     let swinging: f64 = oscillations.iter().map(|oscillation| oscillation.share).sum();
     let mut found = Indicators {
         measured: true,
@@ -124,8 +130,8 @@ pub fn indicators(window: &Window, known: &Known<'_>, transforms: &mut Transform
         oscillations,
         swing: oscillation::can_tell(&e).then_some(swinging.clamp(0.0, 1.0)),
         settling: sp.and_then(|sp| settling::settling(&window.pv[..there], &sp[..there], window.ts)),
-        travel: travel::travel(window.mv.as_deref().unwrap_or(&window.op), window.ts),
-        stuck: travel::stuck(&window.op, &window.pv),
+        travel: known.travel.unwrap_or_else(|| travel::travel(moved, window.ts, 1.0 - window.missing())),
+        stuck: if known.blurred { None } else { travel::stuck(&window.op, &window.pv, is_missing) },
         distribution: known.op_limits.and_then(|limits| distribution::distribution(&window.op, limits)),
         kept: noise::kept(&window.pv, known.step),
         score: None,
@@ -143,7 +149,6 @@ pub fn indicators(window: &Window, known: &Known<'_>, transforms: &mut Transform
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::signal::Row;
 
     #[test]
     fn a_swinging_loop_scores_worse_and_rubbish_is_no_panic() {
@@ -175,6 +180,9 @@ mod tests {
             let values = found.values();
             assert_eq!((values[0], values[6], values[10]), (None, None, None), "{n}");
         }
+        // The mean of many samples of 40.1 is another number.
+        let at_rest = Window { op: vec![40.1; 1440], ..level(1440) };
+        assert_eq!((of(&at_rest).stuck, of(&at_rest).score), (None, None));
         // Without the set point of less than half of the time it is not known how it swings.
         let pv: Vec<f64> = (0..1440).map(|k| ((k * k) as f64 * 0.7).sin()).collect();
         let window = Window { ts: 60.0, op: pv.clone(), sp: Some(vec![0.0; 1440]), pv, ..Window::default() };
@@ -209,6 +217,26 @@ mod tests {
             assert!(!found.measured && values[0].is_none() && values[2..].iter().all(Option::is_none));
         }
         assert_eq!((of(51, 0.0).service_factor, of(0, 6060.0).service_factor), (Some(1.0), None));
+    }
+
+    #[test]
+    fn the_work_of_a_valve_is_of_the_time_in_which_it_was_seen() {
+        // Drawn through for 40 % of the time, in which nothing is seen of a swing.
+        let wave = |k: usize| if k < 600 { (0.3 * k as f64).sin() } else { (0.3 * 600.0_f64).sin() };
+        let op: Vec<f64> = (0..1000).map(wave).collect();
+        let rows = (0..1000).map(|k| if k < 600 { Row::Counts } else { Row::Missing }).collect();
+        let window = Window { ts: 1.0, pv: op.clone(), op, rows, ..Window::default() };
+        let mut transforms = Transforms::new();
+        let mut of = |known: &Known<'_>| indicators(&window, known, &mut transforms);
+        let found = of(&Known::default());
+        // Two turns in 20.94 s.
+        assert!((found.travel.reversals_a_day - 8251.0).abs() < 150.0, "{:?}", found.travel);
+        // What was measured before the window was thinned counts, and of a swing that is no more in it nothing is said.
+        let travel = Travel { a_day: 7.0, reversals_a_day: 3.0 };
+        let known = Known { travel: Some(travel), blurred: true, ..Known::default() };
+        let thinned = of(&known);
+        assert!(found.stuck.is_some());
+        assert_eq!((thinned.travel, thinned.stuck), (travel, None));
     }
 
     #[test]

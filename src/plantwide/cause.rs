@@ -163,25 +163,29 @@ fn shared(at: usize, found: &[LoopFound], group: &Group, own: f64) -> Reason {
     let many = group.members.len();
     let swing = period(group.period_s);
     match first {
-        Some(first) => Reason {
-            cause: Cause::Neighbour,
-            probability: 1.0 - own,
-            why: format!(
-                "it swings with {} others at {swing} and is expected to calm down when {} does",
-                many - 1,
-                found[first.at].name
-            ),
-            neighbour: Some(first.at),
-        },
+        Some(first) => {
+            let (source, others) = (&found[first.at].name, others(many - 1));
+            let swings = format!("it swings with {others} at a period of {swing}");
+            let why = if first.probability >= 0.5 {
+                format!("{swings} and is expected to calm down when {source} does")
+            } else {
+                format!("{swings}; no source stands out among them, and {source} is the likeliest")
+            };
+            Reason { cause: Cause::Neighbour, probability: 1.0 - own, why, neighbour: Some(first.at) }
+        }
         None => Reason {
             cause: Cause::Unknown,
             probability: own,
             why: format!(
-                "{many} loops swing together at {swing}; no source stands out among them, and this one is the likeliest"
+                "{many} loops swing together with a period of {swing}; no source stands out among them, and this one is the likeliest"
             ),
             neighbour: None,
         },
     }
+}
+
+fn others(many: usize) -> String {
+    if many == 1 { "1 other".into() } else { format!("{many} others") }
 }
 
 /// A period for people.
@@ -198,42 +202,53 @@ pub fn period(s: f64) -> String {
 /// In one sentence what speaks for a cause.
 fn why(cause: Cause, of: &LoopFound) -> String {
     let (i, signs) = (&of.indicators, &of.signs);
-    let swing = of.oscillations.first();
-    let at = swing.map_or_else(String::new, |own| format!(" at {}", period(own.period_s)));
+    let swing = of.oscillations.first().map(|own| format!("with a period of {}", period(own.period_s)));
     let percent = |x: f64| format!("{:.0} %", 100.0 * x);
-    match cause {
-        Cause::Valve => match i.stuck.filter(|share| *share > 0.05) {
-            Some(share) => format!("PV stands still for {} of the time while OP moves", percent(share)),
-            None => format!("it swings{at} as the limit cycle of a valve that sticks does"),
+    let stands = i.stuck.filter(|share| *share > 0.05);
+    let stands =
+        stands.map(|share| format!("PV stands still for {} of the time while OP moves", percent(share)));
+    match (cause, swing) {
+        (Cause::Valve, swing) => match (stands, swing) {
+            (Some(stands), _) => stands,
+            (None, Some(swing)) => {
+                format!("it swings {swing}, as the limit cycle of a valve that sticks does")
+            }
+            (None, None) => "it moves as a loop with a valve that sticks does".into(),
         },
-        Cause::Tuning if swing.is_some() => {
-            format!("it rings{at} with an amplitude that comes and goes, like a loop with little damping")
+        (Cause::Tuning, Some(swing)) => {
+            format!("it rings {swing}, and its amplitude comes and goes, as in a loop with little damping")
         }
-        Cause::Tuning => "its error comes and goes slowly, and the controller hardly acts on it".into(),
-        Cause::Load if swing.is_some() => {
+        (Cause::Tuning, None) => {
+            "its error comes and goes slowly, and the controller hardly acts on it".into()
+        }
+        (Cause::Load, Some(swing)) => {
             format!(
-                "it swings{at} steadily, and neither the valve nor the tuning explains it: a load that swings would do so"
+                "it swings steadily {swing}, and neither the valve nor the tuning explains it: a load that swings would do so"
             )
         }
-        Cause::Load => "a load from outside moves PV faster than the loop can correct".into(),
-        Cause::Sensor if signs[HELD] > 0.05 => {
+        (Cause::Load, None) => "PV moves as under a load that is too fast for the loop".into(),
+        (Cause::Sensor, _) if signs[HELD] > 0.05 => {
             format!("PV does not change at all for {} of the time in one piece", percent(signs[HELD]))
         }
-        Cause::Sensor if i.kept.quantisation > 0.1 => {
+        (Cause::Sensor, _) if i.kept.quantisation > 0.1 => {
             format!("PV moves in steps of {:.1} standard deviations", i.kept.quantisation)
         }
-        Cause::Sensor => {
-            format!("{} of PV's variance is noise, and OP follows it", percent(i.kept.noise_share))
-        }
-        Cause::Saturation if i.at_limits.is_some_and(|share| share >= signs[LIMITS]) => {
+        (Cause::Sensor, _) => match stands {
+            Some(stands) => stands,
+            None if i.kept.noise_share > 0.1 => {
+                format!("{} of PV's variance is noise", percent(i.kept.noise_share))
+            }
+            None => "PV's signal looks like that of a faulty measurement".into(),
+        },
+        (Cause::Saturation, _) if i.at_limits.is_some_and(|share| share >= signs[LIMITS]) => {
             format!("OP is at a limit for {} of the time", percent(signs[LIMITS]))
         }
         // That it is a limit is a conclusion from how it comes back there.
-        Cause::Saturation => format!(
+        (Cause::Saturation, _) => format!(
             "OP stops again and again at its largest or least value, {} of the time, as at a limit",
             percent(signs[LIMITS])
         ),
-        Cause::Neighbour | Cause::Unknown => String::new(),
+        (Cause::Neighbour | Cause::Unknown, _) => String::new(),
     }
 }
 
@@ -246,6 +261,7 @@ const HELD: usize = 3;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::indicators::oscillation::Oscillation;
     use crate::plantwide::{Friction, Suspect};
 
     fn said(sticks: bool) -> Option<Friction> {
@@ -319,9 +335,72 @@ mod tests {
     #[test]
     fn a_valve_is_said_to_stand_still_where_that_is_known() {
         let mut of = LoopFound::default();
-        assert_eq!(why(Cause::Valve, &of), "it swings as the limit cycle of a valve that sticks does");
+        assert_eq!(why(Cause::Valve, &of), "it moves as a loop with a valve that sticks does");
         of.indicators.stuck = Some(0.2);
         assert_eq!(why(Cause::Valve, &of), "PV stands still for 20 % of the time while OP moves");
+    }
+
+    #[test]
+    fn a_swing_is_said_where_there_is_one() {
+        let swing = Oscillation {
+            period_s: 60.0,
+            regularity: 2.0,
+            lasting: 1.0,
+            share: 0.8,
+            share_of_fast: 0.8,
+            steadiness: 0.9,
+            periods: 20.0,
+            amplitude: 1.0,
+        };
+        let still = LoopFound::default();
+        let of = LoopFound { oscillations: vec![swing], ..LoopFound::default() };
+        for (cause, swings, is_still) in [
+            (
+                Cause::Valve,
+                "it swings with a period of 60 s, as the limit cycle of a valve that sticks does",
+                "it moves as a loop with a valve that sticks does",
+            ),
+            (
+                Cause::Load,
+                "it swings steadily with a period of 60 s, and neither the valve nor the tuning explains it: a load that swings would do so",
+                "PV moves as under a load that is too fast for the loop",
+            ),
+        ] {
+            assert_eq!((why(cause, &of).as_str(), why(cause, &still).as_str()), (swings, is_still));
+        }
+    }
+
+    #[test]
+    fn a_measurement_is_blamed_for_what_is_seen_of_it() {
+        let mut of = LoopFound::default();
+        assert_eq!(why(Cause::Sensor, &of), "PV's signal looks like that of a faulty measurement");
+        of.indicators.kept.noise_share = 0.4;
+        assert_eq!(why(Cause::Sensor, &of), "40 % of PV's variance is noise");
+        of.indicators.stuck = Some(0.2);
+        assert_eq!(why(Cause::Sensor, &of), "PV stands still for 20 % of the time while OP moves");
+        of.indicators.kept.quantisation = 0.5;
+        assert_eq!(why(Cause::Sensor, &of), "PV moves in steps of 0.5 standard deviations");
+        of.signs = only(HELD, 0.3);
+        let held = "PV does not change at all for 30 % of the time in one piece";
+        assert_eq!(why(Cause::Sensor, &of), held);
+    }
+
+    #[test]
+    fn a_loop_is_expected_to_calm_down_with_a_source_that_stands_out_alone() {
+        let of = |name: &str| LoopFound { name: name.into(), group: Some(0), ..LoopFound::default() };
+        let told = |first: f64, members: Vec<usize>| {
+            let suspects = vec![suspect(1, first), suspect(0, 0.3)];
+            let group = Group { period_s: 60.0, members, suspects, ..Group::default() };
+            reason(0, &[of("A"), of("B"), of("C")], &[group]).expect("a cause").why
+        };
+        assert_eq!(
+            told(0.5, vec![0, 1]),
+            "it swings with 1 other at a period of 60 s and is expected to calm down when B does"
+        );
+        assert_eq!(
+            told(0.4, vec![0, 1, 2]),
+            "it swings with 2 others at a period of 60 s; no source stands out among them, and B is the likeliest"
+        );
     }
 
     #[test]

@@ -19,7 +19,7 @@ pub use cause::{Cause, Reason};
 pub use groups::Group;
 pub use rank::Suspect;
 pub use tasks::{Task, tasks};
-pub use window::Raw;
+pub use window::{Raw, Work};
 
 use crate::indicators::oscillation::{Oscillation, oscillations};
 use crate::indicators::series::{self, Values};
@@ -50,6 +50,10 @@ pub struct PlantLoop {
     pub dead_time_s: Option<f64>,
     /// What thinning took from PV, where the window is thinned.
     pub raw: Option<Raw>,
+    /// What the valve did from row to row, by the samples themselves, where the window is thinned.
+    pub work: Option<Work>,
+    /// Whether most of OP's movement is too fast for the window.
+    pub blurred: bool,
     /// Tags of loops whose stream enters it, where somebody knows them.
     pub upstream: Vec<String>,
     /// What a diagnosis of its valve said, where there was one.
@@ -182,6 +186,7 @@ pub fn values(plant: &dyn Plant, found: &Analysis, hour_s: f64) -> Vec<Values> {
 }
 
 fn health(of: &PlantLoop, transforms: &mut Transforms) -> Indicators {
+    let seen_s = of.window.len() as f64 * of.window.ts * (1.0 - of.window.missing());
     let known = Known {
         mode: of.mode.as_deref(),
         op_limits: of.op_limits,
@@ -189,6 +194,8 @@ fn health(of: &PlantLoop, transforms: &mut Transforms) -> Indicators {
         step: of.raw.map(|raw| raw.step),
         sp_known: of.sp_known,
         silent_s: of.silent_s,
+        travel: of.work.as_ref().map(|work| work.travel(seen_s)),
+        blurred: of.blurred,
     };
     indicators(&of.window, &known, transforms)
 }
@@ -263,6 +270,21 @@ mod tests {
         };
         // Its valve starts one of the two swings.
         assert_eq!((sticks(&found.groups[0]), sticks(&found.groups[1])), (Some(false), Some(true)));
+    }
+
+    #[test]
+    fn one_sure_swing_takes_in_a_loop_that_it_explains_though_its_own_was_not_noticed() {
+        let fast = |t: f64| (0.2 * t).sin();
+        // A larger wave beside it hides it from whoever looks at the loop alone.
+        let hidden = |by: f64| move |t: f64| by * fast(t) + (0.31 * t + 3.0 * (0.011 * t).sin()).sin();
+        let groups = |by: f64| {
+            let found = analyse(&vec![swinging(1, fast), swinging(2, hidden(by))]);
+            let slowest = found.loops[1].oscillations.iter().map(|own| own.period_s).fold(0.0, f64::max);
+            assert!(slowest < 1500.0, "31 min is not noticed alone: {slowest}");
+            found.groups.iter().map(|group| group.members.len()).collect::<Vec<usize>>()
+        };
+        // 26 % of the variance, and 8 %.
+        assert_eq!((groups(0.6), groups(0.3)), (vec![2], vec![]));
     }
 
     #[test]

@@ -108,16 +108,19 @@ fn evidence(signs: &[f64; SIGNS], average: &[f64], says: &str) -> Vec<String> {
             "it swings {:.0} % as much as the loop with the largest share of its PV in this swing",
             100.0 * signs[0].exp()
         ),
-        1 => format!("PV's swing has corners: its harmonics have {:.1} % of its power", harmonics(signs[1])),
+        1 => format!(
+            "PV's swing has more corners than the others': its harmonics have {:.1} % of its power",
+            harmonics(signs[1])
+        ),
         2 => format!(
-            "OP's swing is nearly a sine: its harmonics have {:.1} % of its power",
+            "OP's swing is nearer to a sine than the others': its harmonics have {:.1} % of its power",
             harmonics(signs[2])
         ),
         3 => format!("PV stands still for {:.0} % of the time while OP moves", 100.0 * signs[3]),
         4 if signs[4] <= 0.0 => "hardly any other loop swings before it".to_string(),
         4 => format!("it swings {:.2} periods before the others", signs[4]),
         5 => "it moves a valve of its own".to_string(),
-        6 => format!("{:.0} % of the others lie downstream", 100.0 * signs[6]),
+        6 => "more of the others lie downstream than upstream".to_string(),
         _ => says.to_string(),
     };
     for_it.into_iter().map(|(_, k)| say(k)).collect()

@@ -2,7 +2,7 @@
 
 use super::{Analysis, Cause};
 
-/// One thing to do, and whose trouble it is expected to end.
+/// One thing to do, and whose trouble it may end.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Task {
     /// The loop to look at.
@@ -13,7 +13,7 @@ pub struct Task {
     pub probability: f64,
     /// One sentence.
     pub why: String,
-    /// Loops that are expected to calm down with it.
+    /// Loops that may calm down with it.
     pub victims: Vec<usize>,
 }
 
@@ -38,9 +38,16 @@ pub fn tasks(found: &Analysis) -> Vec<Task> {
                 let (cause, probability, why) = (reason.cause, reason.probability, reason.why.clone());
                 tasks.push(Task { at, cause, probability, why, victims });
             }
-            // A suspect whose members are less sure of themselves than of it is a task of its own all the same.
+            // The likeliest source of a group that has no cause of its own, in manual or with its largest swing in another
+            // group, is a task all the same.
             _ if !victims.is_empty() => {
-                let why = "it is the likeliest source of its group, but not by enough to be sure".to_string();
+                let swing = match victims.len() {
+                    1 => "1 loop that swings".to_string(),
+                    many => format!("{many} loops that swing"),
+                };
+                let why = format!(
+                    "it is the likeliest source of {swing} with it; why it swings itself is not known"
+                );
                 tasks.push(Task { at, cause: Cause::Unknown, probability: 0.5, why, victims });
             }
             _ => {}
@@ -50,7 +57,7 @@ pub fn tasks(found: &Analysis) -> Vec<Task> {
     tasks
 }
 
-/// Of each loop those that are expected to calm down with it.
+/// Of each loop those that may calm down with it.
 fn victims(found: &Analysis) -> Vec<Vec<usize>> {
     let mut victims = vec![Vec::new(); found.loops.len()];
     for (at, of) in found.loops.iter().enumerate() {
@@ -81,5 +88,18 @@ mod tests {
         let found = tasks(&Analysis { loops, groups: Vec::new() });
         assert_eq!(found.len(), 1);
         assert_eq!((found[0].at, found[0].victims.as_slice()), (2, &[0, 3][..]));
+        // One in manual has no cause of its own.
+        let victim = || of(Cause::Neighbour, Some(0));
+        for (loops, source) in [
+            (vec![LoopFound::default(), victim()], "the likeliest source of 1 loop that swings with it"),
+            (
+                vec![LoopFound::default(), victim(), victim()],
+                "the likeliest source of 2 loops that swing with it",
+            ),
+        ] {
+            let found = tasks(&Analysis { loops, groups: Vec::new() });
+            let why = format!("it is {source}; why it swings itself is not known");
+            assert_eq!(found.iter().map(|own| (own.at, own.why.as_str())).collect::<Vec<_>>(), [(0, &*why)]);
+        }
     }
 }

@@ -4,19 +4,21 @@
 //! x[k] = 1/ts · integral of x over t[k] - ts/2 … t[k] + ts/2        where the record is thinned
 //! ```
 //!
-//! A value picked now and then would show a fast cycle as a slow one. The mean of a cell has no steps of its own any more, so
-//! those of PV are taken before.
+//! A value picked now and then would show a fast cycle as a slow one. The mean of a cell has no steps of its own any more, and a
+//! cycle within a cell no travel: the steps of PV and the work of the valve are taken before.
 //!
 //! Unlike the diagnosis's gate it keeps the whole record, gaps and all: an oscillation is asked of all the time there is. What
 //! good samples of PV and OP do not cover is marked as missing, so that what hardly anything was measured of has no values.
 //! Mode and set point are known as long as they were sampled. A source that sends changes only repeats no value: its silence
-//! says that nothing has changed, until it says that something is wrong.
+//! says that nothing has changed, until it says that something is wrong. An OP that such a source sends stands still until its
+//! next change.
 
 use super::signs::held;
 use super::{PlantLoop, is_moved};
 use crate::indicators::noise;
-use crate::signal::{Record, Row, Sample, Window};
-use crate::sysid::stats::median;
+use crate::indicators::travel::{Travel, path};
+use crate::signal::{LARGEST_VALUE, Record, Row, Sample, Window, outages};
+use crate::sysid::stats::{median, sd};
 
 /// Fewest good samples.
 const LEAST: usize = 60;
@@ -24,6 +26,12 @@ const LEAST: usize = 60;
 const THINNED: f64 = 1.2;
 /// Sampling intervals without a good sample from which on a tag is silent.
 const SILENT: f64 = 10.0;
+/// Median intervals between changes after which a change is late, and OP stood still before it: jitter of a poll is less than
+/// half of one, a scan at which OP did not change is a whole one.
+const LATE: f64 = 1.5;
+/// Share of OP's standard deviation that its rows keep, below which its movement is not in them (-): of a cycle they keep half at
+/// 1.7 rows a period.
+const BLURRED: f64 = 0.5;
 
 /// What thinning takes from PV, taken before.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,12 +42,51 @@ pub struct Raw {
     pub held: f64,
 }
 
+/// What a valve did from row to row, by the samples of the stem or of OP.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Work {
+    /// Its way until each row begins, and until the last ends (OP unit).
+    way: Vec<f64>,
+    /// Its turns until then.
+    turns: Vec<f64>,
+}
+
+impl Work {
+    /// From the samples, over rows that begin and end at `edges` (s).
+    fn of(points: &Points, edges: impl Iterator<Item = f64> + Clone) -> Self {
+        let (mut way, mut turns, mut gone) = (Vec::new(), Vec::new(), 0.0);
+        let mut before = points[0].1;
+        for (count, (at, value)) in path(&values(points), mean_interval(points)).into_iter().enumerate() {
+            let t = points[at].0;
+            gone += (value - before).abs();
+            before = value;
+            way.push((t, gone));
+            turns.push((t, count as f64));
+        }
+        // The last is the end of the samples, and no turn.
+        turns.pop();
+        Self { way: picked(&way, edges.clone(), false), turns: picked(&turns, edges, true) }
+    }
+
+    /// What it comes to in a day, where it was seen for so long (s).
+    pub fn travel(&self, seen_s: f64) -> Travel {
+        let over = |x: &[f64]| x.first().zip(x.last()).map_or(0.0, |(first, last)| last - first);
+        Travel::new(over(&self.way), over(&self.turns), seen_s)
+    }
+
+    /// From a row on.
+    fn tail(&self, from: usize) -> Self {
+        let last = |x: &[f64]| x.get(from..).unwrap_or_default().to_vec();
+        Self { way: last(&self.way), turns: last(&self.turns) }
+    }
+}
+
 /// The loop of a record, in at most `most` samples.
 ///
 /// # Errors
 /// Why the record cannot be used.
 pub fn of_record(name: &str, record: &Record, most: usize) -> Result<PlantLoop, String> {
-    let (op_tag, pv_tag) = (Tag::of(&record.op), Tag::of(&record.pv));
+    let (op_tag, pv_tag) = (Tag::of(&record.op, Zero::DropOut), Tag::of(&record.pv, Zero::DropOut));
     let (op, pv) = (&op_tag.points, &pv_tag.points);
     if pv.len() < LEAST || op.is_empty() {
         return Err(format!("{} good samples of PV and {} of OP, {LEAST} are needed", pv.len(), op.len()));
@@ -52,14 +99,25 @@ pub fn of_record(name: &str, record: &Record, most: usize) -> Result<PlantLoop, 
     let drawn = |points: &Points| -> Vec<f64> {
         if is_thinned(points) { averaged(points, times(), ts) } else { picked(points, times(), false) }
     };
-    let kept =
-        |series: &Option<Vec<Sample>>| series.as_deref().map(Tag::of).filter(|tag| !tag.points.is_empty());
-    let set_point = |points: &Points| {
-        // That of a cascade has to stay the same as its master's OP; a step by hand stays a step.
-        let is_output = points.len() > n && is_moved(&values(points));
-        if is_output { drawn(points) } else { picked(points, times(), true) }
+    // OP that is sent by changes stood still until a late one.
+    let output = |tag: &Tag| -> Vec<f64> {
+        if !tag.by_changes {
+            return drawn(&tag.points);
+        }
+        let points = stepped(&tag.points);
+        if is_thinned(&tag.points) { averaged(&points, times(), ts) } else { picked(&points, times(), false) }
     };
-    let sp = kept(&record.sp);
+    let kept = |series: &Option<Vec<Sample>>, zero: Zero| {
+        series.as_deref().map(|series| Tag::of(series, zero)).filter(|tag| !tag.points.is_empty())
+    };
+    let set_point = |tag: &Tag| {
+        // That of a cascade has to stay the same as its master's OP; a step by hand stays a step.
+        let is_output = tag.points.len() > n && is_moved(&values(&tag.points));
+        if is_output { output(tag) } else { picked(&tag.points, times(), true) }
+    };
+    let sp = kept(&record.sp, Zero::Value);
+    // Of a stem that is hardly ever measured the travel is not known.
+    let stem = kept(&record.mv, Zero::DropOut).filter(|mv| mv.points.len() >= LEAST);
     let sp_ends = sp.as_ref().and_then(|sp| sp.ends_before(to));
     let sp_known = sp_ends.map(|end| times().take_while(|t| *t <= end).count());
     // An OP that is sent by changes stands still in manual and at a limit; a PV hardly ever does.
@@ -69,11 +127,10 @@ pub fn of_record(name: &str, record: &Record, most: usize) -> Result<PlantLoop, 
     let window = Window {
         t0: from,
         ts,
-        op: drawn(op),
+        op: output(&op_tag),
         pv: drawn(pv),
-        sp: sp.map(|sp| set_point(&sp.points)),
-        // Of a stem that is hardly ever measured the travel is not known.
-        mv: kept(&record.mv).filter(|mv| mv.points.len() >= LEAST).map(|mv| drawn(&mv.points)),
+        sp: sp.as_ref().map(set_point),
+        mv: stem.as_ref().map(|mv| drawn(&mv.points)),
         // Empty where all count.
         rows: if rows.contains(&Row::Missing) { rows } else { Vec::new() },
         ..Window::default()
@@ -82,12 +139,17 @@ pub fn of_record(name: &str, record: &Record, most: usize) -> Result<PlantLoop, 
         let pv = values(pv);
         Raw { step: noise::step(&pv), held: held(&pv) }
     });
-    let mode = kept(&record.mode).map(|mode| {
+    let moved = stem.as_ref().map_or(op, |mv| &mv.points);
+    let edges = (0..=n).map(|k| from + (k as f64 - 0.5) * ts);
+    let work = is_thinned(moved).then(|| Work::of(moved, edges));
+    // Picked values alias a fast cycle, but spread as it does.
+    let blurred = is_thinned(op) && sd(&window.op) < BLURRED * sd(&picked(&stepped(op), times(), false));
+    let mode = kept(&record.mode, Zero::Value).map(|mode| {
         let held = picked(&mode.points, times(), true).into_iter().zip(mode.known(times(), to));
         held.map(|(mode, is_known)| if is_known { mode } else { f64::NAN }).collect()
     });
     let (name, op_limits) = (name.into(), record.op_limits);
-    Ok(PlantLoop { name, window, mode, sp_known, op_limits, raw, ..PlantLoop::default() })
+    Ok(PlantLoop { name, window, mode, sp_known, op_limits, raw, work, blurred, ..PlantLoop::default() })
 }
 
 /// Which of PV and OP has been silent for too long at `now` (s), and since when (s): for more than a period of the looks and
@@ -95,11 +157,20 @@ pub fn of_record(name: &str, record: &Record, most: usize) -> Result<PlantLoop, 
 /// once it is said to be bad.
 pub fn silent_since(record: &Record, now: f64, period_s: f64) -> Option<(&'static str, f64)> {
     [("PV", &record.pv), ("OP", &record.op)].into_iter().find_map(|(name, series)| {
-        let tag = Tag::of(series);
+        let tag = Tag::of(series, Zero::DropOut);
         let last = tag.points.last()?.0;
         let stands = name == "OP" && tag.by_changes && tag.until(last, now) >= now;
         (!stands && now - last > period_s.max(tag.longest)).then_some((name, last))
     })
+}
+
+/// What a zero far from a tag's other values is.
+#[derive(Clone, Copy, PartialEq)]
+enum Zero {
+    /// No measurement: that of a signal which was lost, as OP, PV and the stem are.
+    DropOut,
+    /// A value like any other, as those of set point and mode are.
+    Value,
 }
 
 /// The good samples of a tag, and what tells for how long each of them stands.
@@ -115,9 +186,16 @@ struct Tag {
 }
 
 impl Tag {
-    fn of(series: &[Sample]) -> Self {
-        let is_good = |s: &Sample| s.quality.is_good() && s.value.is_finite() && s.t.is_finite();
-        let good = series.iter().filter(|s| is_good(s));
+    fn of(series: &[Sample], zero: Zero) -> Self {
+        let is_number = |s: &Sample| {
+            s.quality.is_good() && s.t.is_finite() && s.value.is_finite() && s.value.abs() < LARGEST_VALUE
+        };
+        let numbers: Vec<Sample> = series.iter().filter(|s| is_number(s)).copied().collect();
+        // What is written where nothing was measured, as the gate of the diagnosis drops it.
+        let mut none = outages(&numbers);
+        none.retain(|value| zero == Zero::DropOut || *value != 0.0);
+        let is_good = |s: &Sample| is_number(s) && !none.contains(&s.value);
+        let good = numbers.iter().filter(|s| is_good(s));
         let mut points: Vec<(f64, f64)> = good.map(|s| (s.t, s.value)).collect();
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
         points.dedup_by(|a, b| a.0 == b.0);
@@ -127,8 +205,7 @@ impl Tag {
         // After a mark the same value counts again, also where changes only are sent.
         let repeats = |w: &[Sample]| is_good(&w[0]) && is_good(&w[1]) && w[0].value == w[1].value;
         let by_changes = !series.windows(2).any(|w| repeats(w) && w[0].t < w[1].t);
-        let length = points.first().zip(points.last()).map_or(0.0, |(first, last)| last.0 - first.0);
-        let longest = SILENT * length / points.len().saturating_sub(1).max(1) as f64;
+        let longest = SILENT * mean_interval(&points);
         Self { points, marks, by_changes, longest }
     }
 
@@ -203,6 +280,25 @@ fn interval(points: &Points) -> f64 {
     median(&points.windows(2).map(|w| w[1].0 - w[0].0).collect::<Vec<f64>>())
 }
 
+/// Mean time between two; 0 of fewer.
+fn mean_interval(points: &Points) -> f64 {
+    let length = points.first().zip(points.last()).map_or(0.0, |(first, last)| last.0 - first.0);
+    length / points.len().saturating_sub(1).max(1) as f64
+}
+
+/// The points with a corner before each late change, up to which the value before it stood.
+fn stepped(points: &Points) -> Vec<(f64, f64)> {
+    let late = LATE * interval(points);
+    let mut out = Vec::with_capacity(2 * points.len());
+    let mut last: Option<(f64, f64)> = None;
+    for &point in points {
+        let corner = last.filter(|last| point.0 - last.0 > late).map(|last| (point.0, last.1));
+        out.extend(corner.into_iter().chain([point]));
+        last = Some(point);
+    }
+    out
+}
+
 /// The value of the line from the point at `at` to the next, at a time between them; before and after all of them it is level.
 fn on_line(points: &Points, at: usize, t: f64, is_held: bool) -> f64 {
     let (a, b) = (points[at], points[(at + 1).min(points.len() - 1)]);
@@ -265,172 +361,21 @@ pub fn tail(of: &PlantLoop, length_s: f64) -> PlantLoop {
     let (name, mode) = (of.name.clone(), of.mode.as_ref().map(last));
     let (op_limits, dead_time_s, raw, silent_s) = (of.op_limits, of.dead_time_s, of.raw, of.silent_s);
     let sp_known = of.sp_known.map(|known| known.saturating_sub(from));
-    PlantLoop { name, window, mode, sp_known, silent_s, op_limits, dead_time_s, raw, ..PlantLoop::default() }
+    let (work, blurred) = (of.work.as_ref().map(|work| work.tail(from)), of.blurred);
+    PlantLoop {
+        name,
+        window,
+        mode,
+        sp_known,
+        silent_s,
+        op_limits,
+        dead_time_s,
+        raw,
+        work,
+        blurred,
+        ..PlantLoop::default()
+    }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::signal::{BadReason, Quality};
-    use crate::sysid::stats::sd;
-    use std::f64::consts::TAU;
-
-    #[test]
-    fn what_is_missing_is_drawn_through_and_set_points_are_held() {
-        let series =
-            |at: &[f64], f: &dyn Fn(f64) -> f64| at.iter().map(|t| Sample::good(*t, f(*t))).collect();
-        let times: Vec<f64> = (0..100).map(f64::from).filter(|t| *t != 50.0 && *t != 51.0).collect();
-        let record = Record {
-            op: series(&times, &|t| 2.0 * t),
-            pv: series(&times, &|t| t),
-            sp: Some(series(&[0.0, 30.0], &|t| t)),
-            ..Record::default()
-        };
-        let of = of_record("FIC1", &record, 1000).expect("98 samples");
-        assert_eq!((of.window.pv.len(), of.window.ts), (100, 1.0));
-        assert!((of.window.pv[50] - 50.0).abs() < 1e-9 && (of.window.op[51] - 102.0).abs() < 1e-9);
-        let sp = of.window.sp.expect("recorded");
-        assert_eq!((sp[29], sp[30], sp[99]), (0.0, 30.0, 30.0));
-        assert!(of_record("FIC1", &Record::default(), 1000).is_err());
-        let last = tail(&of_record("FIC1", &record, 1000).expect("98 samples"), 9.5);
-        assert_eq!(
-            (last.window.t0, last.window.pv.len(), last.window.sp.map(|sp| sp.len())),
-            (90.0, 10, Some(10))
-        );
-        // One that is longer than allowed is thinned, over the same time.
-        let thin = of_record("FIC1", &record, 10).expect("98 samples").window;
-        assert!((thin.ts - 9.9).abs() < 1e-9 && thin.pv.len() == 11, "{thin:?}");
-    }
-
-    /// A day of samples every 10 s.
-    fn day(f: impl Fn(f64) -> f64) -> Vec<Sample> {
-        (0..8640).map(|k| 10.0 * f64::from(k)).map(|t| Sample::good(t, f(t))).collect()
-    }
-
-    /// A sample that is not good.
-    fn bad(t: f64) -> Sample {
-        Sample { quality: Quality::Bad(BadReason::Timeout), ..Sample::good(t, f64::NAN) }
-    }
-
-    #[test]
-    fn mode_and_set_point_are_known_no_longer_than_they_were_sampled() {
-        let pv = day(|t| (0.001 * t).sin());
-        let of = |sp: Vec<Sample>, mode: Vec<Sample>| {
-            let (op, pv) = (pv.clone(), pv.clone());
-            let record = Record { op, pv, sp: Some(sp), mode: Some(mode), ..Record::default() };
-            of_record("FIC1", &record, 10_000).expect("a day")
-        };
-        let known = |of: &PlantLoop| {
-            let mode = of.mode.as_ref().expect("recorded").iter().filter(|mode| mode.is_finite());
-            (of.sp_known, mode.count())
-        };
-        let all = of(day(|_| 5.0), day(|_| 1.0));
-        assert_eq!(known(&all), (None, 8640));
-        // Both died after 6,000 samples, without a word.
-        let first = |x: f64| day(|_| x).into_iter().take(6000).collect::<Vec<Sample>>();
-        let dead = of(first(5.0), first(1.0));
-        assert_eq!(known(&dead), (Some(6000), 6000));
-        let hour = tail(&dead, 3600.0);
-        assert_eq!(known(&hour), (Some(0), 0));
-        // A source that sends changes only has said nothing since, until it says that something is wrong.
-        let once = vec![Sample::good(0.0, 1.0)];
-        assert_eq!(known(&of(once.clone(), once.clone())), (None, 8640));
-        let lost = vec![Sample::good(0.0, 1.0), bad(40_000.0)];
-        assert_eq!(known(&of(lost.clone(), lost)), (Some(4001), 4001));
-        let back = vec![Sample::good(0.0, 1.0), bad(40_000.0), Sample::good(80_000.0, 1.0)];
-        assert_eq!(known(&of(once, back)), (None, 4001 + 640), "from 80,000 s on it is known again");
-    }
-
-    #[test]
-    fn what_is_drawn_through_a_gap_is_missing() {
-        let mut gap = day(|t| (0.001 * t).sin());
-        gap.drain(1000..7000);
-        let record =
-            |op: &[Sample], pv: &[Sample]| Record { op: op.to_vec(), pv: pv.to_vec(), ..Record::default() };
-        let whole = day(|t| (0.001 * t).sin());
-        let missing = |record: &Record| of_record("FIC1", record, 10_000).expect("a day").window.missing();
-        assert_eq!(missing(&record(&whole, &whole)), 0.0);
-        // OP repeats its values, so that its source does not send changes only.
-        let polled = day(|t| (10.0 * (0.001 * t).sin()).round());
-        let mut hole = polled.clone();
-        hole.drain(1000..7000);
-        for of in [record(&hole, &gap), record(&polled, &gap), record(&hole, &whole)] {
-            assert!((missing(&of) - 6000.0 / 8640.0).abs() < 1e-3, "{}", missing(&of));
-        }
-        // One that is sent by changes stands where it was, until it is bad.
-        assert_eq!(missing(&record(&gap, &whole)), 0.0);
-        gap.insert(1000, bad(10_000.0));
-        assert!((missing(&record(&gap, &whole)) - 6000.0 / 8640.0).abs() < 1e-3);
-        gap.remove(1000);
-        // The last hour is there, and of an hour in which OP has died two thirds are not.
-        let of = of_record("FIC1", &record(&whole, &gap), 10_000).expect("a day");
-        assert_eq!(tail(&of, 3600.0).window.missing(), 0.0);
-        let of = of_record("FIC1", &record(&polled[..8400], &whole), 10_000).expect("a day");
-        assert!((tail(&of, 3600.0).window.missing() - 240.0 / 360.0).abs() < 0.01);
-        // A window that ended half an hour ago has the other half of the latest hour.
-        let late = PlantLoop { silent_s: 1800.0, ..of };
-        assert_eq!(tail(&late, 3600.0).window.pv.len(), 180);
-    }
-
-    #[test]
-    fn a_tag_is_silent_after_a_period_of_looks_and_ten_intervals() {
-        let record = |op: Vec<Sample>| Record { op, pv: day(|t| t), ..Record::default() };
-        let last = 86_390.0;
-        let whole = record(day(|t| t));
-        assert_eq!(silent_since(&whole, last + 3600.0, 3600.0), None);
-        assert_eq!(silent_since(&whole, last + 3601.0, 3600.0), Some(("PV", last)));
-        assert_eq!(silent_since(&whole, last + 99.0, 60.0), None, "ten intervals of 10 s");
-        assert_eq!(silent_since(&whole, last + 101.0, 60.0), Some(("PV", last)));
-        // Bad samples are no life.
-        let mut dying: Vec<Sample> = day(|t| t).into_iter().take(100).collect();
-        dying.extend((100..8640).map(|k| bad(10.0 * f64::from(k))));
-        assert_eq!(silent_since(&record(dying), last, 3600.0), Some(("OP", 990.0)));
-        // One that is sent by changes may stand still, and one that repeats its values may not.
-        let first = |f: fn(f64) -> f64| day(f).into_iter().take(100).collect::<Vec<Sample>>();
-        assert_eq!(silent_since(&record(first(|t| t)), last, 3600.0), None);
-        assert_eq!(silent_since(&record(first(|_| 5.0)), last, 3600.0), Some(("OP", 990.0)));
-        assert_eq!(silent_since(&Record::default(), 0.0, 60.0), None, "there never was one");
-    }
-
-    #[test]
-    fn a_cycle_that_is_faster_than_the_grid_does_not_show_as_a_slow_one() {
-        let (fast, slow) = (|t: f64| (TAU * t / 30.0).sin(), |t: f64| (TAU * t / 3600.0).sin());
-        let record = Record { op: day(slow), pv: day(fast), sp: Some(day(slow)), ..Record::default() };
-        let of = of_record("FIC1", &record, 3000).expect("a day").window;
-        assert!((of.ts - 28.8).abs() < 0.01, "{}", of.ts);
-        assert!(sd(&of.pv) < 0.1, "{}", sd(&of.pv));
-        // What is slow stays where it is, and a set point stays its master's output.
-        let late = (0..of.op.len()).map(|k| of.op[k] - slow(k as f64 * of.ts)).map(f64::abs);
-        assert!(late.fold(0.0, f64::max) < 0.03);
-        assert_eq!(of.sp, Some(of.op));
-        // A level stays level, and a gap in the record is drawn through.
-        let mut gap = day(|_| 1e5 / 3.0);
-        gap.drain(2000..4000);
-        let record = Record { op: gap.clone(), pv: gap, ..Record::default() };
-        let of = of_record("FIC1", &record, 3000).expect("most of a day").window;
-        assert!(of.pv.iter().all(|x| *x == 1e5 / 3.0));
-    }
-
-    #[test]
-    fn steps_and_stretches_of_pv_outlive_the_thinning() {
-        let coarse = |t: f64| if t < 43_200.0 { 5.0 } else { (8.0 * (TAU * t / 3600.0).sin()).round() * 0.5 };
-        let record = Record { op: day(coarse), pv: day(coarse), ..Record::default() };
-        let of = of_record("FIC1", &record, 1000).expect("a day");
-        let raw = of.raw.expect("it is thinned");
-        assert!((raw.step - 0.5).abs() < 1e-9 && (raw.held - 0.5).abs() < 0.01, "{raw:?}");
-        assert_eq!(tail(&of, 3600.0).raw, Some(raw));
-        assert_eq!(of_record("FIC1", &record, 10_000).expect("a day").raw, None);
-    }
-
-    #[test]
-    fn a_measured_stem_goes_with_the_window() {
-        let record =
-            Record { op: day(|t| t), pv: day(|t| t), mv: Some(day(|t| 2.0 * t)), ..Record::default() };
-        let of = of_record("FIC1", &record, 10_000).expect("a day");
-        let stem = of.window.mv.as_ref().expect("measured");
-        assert!((stem[100] - 2000.0).abs() < 1e-9);
-        assert_eq!(tail(&of, 3600.0).window.mv.map(|mv| mv.len()), Some(360));
-        let hardly = Record { mv: Some(day(|t| t).split_off(8600)), ..record };
-        assert_eq!(of_record("FIC1", &hardly, 10_000).expect("a day").window.mv, None);
-    }
-}
+mod tests;

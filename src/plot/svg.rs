@@ -36,17 +36,43 @@ impl Axis {
 
     /// Where the numbers go, and how they read.
     fn ticks(&self, about: f64) -> Vec<(f64, String)> {
-        if self.log {
-            let decades = self.low.ceil() as i32..=self.high.floor() as i32;
+        if !self.log {
+            return round(self.low, self.high, about);
+        }
+        let decades = self.low.ceil() as i32..=self.high.floor() as i32;
+        if decades.clone().count() > 1 {
             return decades.map(|d| (10f64.powi(d), decade(d))).collect();
         }
-        let raw = (self.high - self.low) / about;
-        let power = 10f64.powf(raw.log10().floor());
-        let step = [1.0, 2.0, 5.0, 10.0].into_iter().map(|m| m * power).find(|s| *s >= raw).unwrap_or(raw);
-        let digits = (-step.log10().floor()).max(0.0) as usize;
-        let first = (self.low / step).ceil() as i64;
-        let last = (self.high / step + 1e-9).floor() as i64;
-        (first..=last).map(|i| (i as f64 * step, format!("{:.digits$}", i as f64 * step))).collect()
+        // Less than two powers of ten lie inside.
+        let (low, high) = (10f64.powf(self.low), 10f64.powf(self.high));
+        let inside: Vec<(f64, String)> = (self.low.floor() as i32..=self.high.floor() as i32)
+            .flat_map(|d| [1, 2, 5].map(|m| (f64::from(m) * 10f64.powi(d), part(m, d))))
+            .filter(|(value, _)| (low..=high).contains(value))
+            .collect();
+        if inside.len() > 1 { inside } else { round(low, high, about) }
+    }
+}
+
+/// Round numbers from `low` to `high`, `about` so many.
+fn round(low: f64, high: f64, about: f64) -> Vec<(f64, String)> {
+    let raw = (high - low) / about;
+    let power = 10f64.powf(raw.log10().floor());
+    let step = [1.0, 2.0, 5.0, 10.0].into_iter().map(|m| m * power).find(|s| *s >= raw).unwrap_or(raw);
+    let digits = (-step.log10().floor()).max(0.0) as usize;
+    let first = (low / step).ceil() as i64;
+    let last = (high / step + 1e-9).floor() as i64;
+    (first..=last).map(|i| (i as f64 * step, format!("{:.digits$}", i as f64 * step))).collect()
+}
+
+/// A multiple of a power of ten, in digits as long as they are few.
+fn part(times: u8, power: i32) -> String {
+    match power {
+        -3..=3 => {
+            let digits = usize::try_from(-power).unwrap_or(0);
+            format!("{:.digits$}", f64::from(times) * 10f64.powi(power))
+        }
+        _ if times == 1 => decade(power),
+        _ => format!("{times}·{}", decade(power)),
     }
 }
 
@@ -240,6 +266,24 @@ mod tests {
         let log = Axis { low: -2.7, high: 0.1, from: 0.0, to: 100.0, log: true };
         let text: Vec<String> = log.ticks(5.0).into_iter().map(|t| t.1).collect();
         assert_eq!(text, ["10⁻²", "10⁻¹", "1"]);
+    }
+
+    #[test]
+    fn an_axis_within_a_decade_has_numbers() {
+        let ticks = |low: f64, high: f64| -> Vec<String> {
+            let (low, high) = (low.log10(), high.log10());
+            let axis = Axis { low, high, from: 0.0, to: 100.0, log: true };
+            let ticks = axis.ticks(5.0);
+            assert!(ticks.iter().all(|(value, _)| (-1e-9..=100.0 + 1e-9).contains(&axis.at(*value))));
+            ticks.into_iter().map(|tick| tick.1).collect()
+        };
+        assert_eq!(ticks(0.19, 0.8), ["0.2", "0.5"]);
+        assert_eq!(ticks(0.7, 25.0), ["1", "10¹"]);
+        assert_eq!(ticks(0.7, 9.0), ["1", "2", "5"]);
+        assert_eq!(ticks(1.9e-7, 8e-7), ["2·10⁻⁷", "5·10⁻⁷"]);
+        assert_eq!(ticks(150.0, 900.0), ["200", "500"]);
+        // Between two of them: as on any axis.
+        assert_eq!(ticks(0.301, 0.449), ["0.35", "0.40"]);
     }
 
     #[test]

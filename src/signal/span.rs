@@ -72,12 +72,14 @@ fn is_physical(unit: &str) -> bool {
     PHYSICAL.contains(&unit.trim().to_lowercase().as_str())
 }
 
-/// The usual span that limits are written for: as wide, or beyond both of its ends.
+/// The usual span that limits are written for: as wide and beginning near its zero, or beyond both of its ends. Limits that are
+/// as wide by chance say nothing: `[40, 56]` in per cent is no 4 to 20 mA.
 fn usual((low, high): (f64, f64)) -> Option<f64> {
     let fits = |(zero, span): &(f64, f64)| {
         let (below, above) = ((zero - low) / span, (high - zero - span) / span);
         let beyond = |share: f64| (1e-6..=OVERTRAVEL).contains(&share);
-        ((high - low) / span - 1.0).abs() < 1e-6 || beyond(below) && beyond(above)
+        let as_wide = ((high - low) / span - 1.0).abs() < 1e-6;
+        as_wide && below.abs() <= OVERTRAVEL || beyond(below) && beyond(above)
     };
     USUAL.into_iter().find(fits).map(|(_, span)| span)
 }
@@ -292,6 +294,11 @@ mod tests {
         assert_eq!(of(None, Some((3.8, 20.5)), None, &[]), (Some(16.0), SpanSource::Limits));
         assert_eq!(of(None, Some((0.0, 110.0)), None, &[]), (Some(110.0), SpanSource::Limits));
         assert_eq!(of(None, Some((0.0, 27_648.0)), None, &[]), (Some(27_648.0), SpanSource::Limits));
+        // As wide as a signal, and none: the unit tells.
+        for narrow in [(40.0, 56.0), (0.0, 16.0), (52.0, 53.0)] {
+            assert_eq!(of(None, Some(narrow), Some("%"), &[]), (Some(100.0), SpanSource::Unit), "{narrow:?}");
+        }
+        assert_eq!(of(None, Some((-50.0, 50.0)), None, &[]), (Some(100.0), SpanSource::Limits));
         assert_eq!(of(None, None, Some("mA"), &[12.0]), (Some(16.0), SpanSource::Unit));
         assert_eq!(of(None, None, None, &[0.50, 0.52]), (Some(1.0), SpanSource::Values));
         assert_eq!(of(None, None, None, &[0.0121, 0.0123]), (Some(0.016), SpanSource::Values));

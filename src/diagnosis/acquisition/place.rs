@@ -71,6 +71,11 @@ impl Placed {
         self.placed(way, kept, from, n)
     }
 
+    /// Whether a tag is read more slowly than the rows: held in between, it stands still there whatever it does.
+    pub fn is_slower(&self, kept: &[Sample]) -> bool {
+        period(kept).is_some_and(|own| own > (1.0 + OWN_PERIOD) * self.rows.period)
+    }
+
     fn placed(&self, way: Way, kept: &[Sample], from: i64, n: usize) -> Vec<Option<f64>> {
         match way {
             Way::Nearest(late) => self.nearest(late, kept, from, n),

@@ -14,8 +14,17 @@ pub struct Clean {
     too_large: usize,
 }
 
+/// What a zero far from a tag's other values is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Zero {
+    /// No measurement: that of a signal which was lost, as OP, PV and the stem are.
+    DropOut,
+    /// A value like any other: a set point may be zero for a while, and a pump is on or off.
+    Value,
+}
+
 /// Sorts, de-duplicates and drops what is not good.
-pub fn clean(series: &[Sample], preparation: &mut Preparation) -> Clean {
+pub fn clean(series: &[Sample], zero: Zero, preparation: &mut Preparation) -> Clean {
     let usable = |s: &&Sample| {
         s.quality.is_good() && s.t.is_finite() && s.value.is_finite() && s.value.abs() < LARGEST_VALUE
     };
@@ -28,7 +37,7 @@ pub fn clean(series: &[Sample], preparation: &mut Preparation) -> Clean {
     kept.dedup_by(|later, earlier| later.t == earlier.t);
     preparation.out_of_order += disorder;
     preparation.duplicates += before - kept.len();
-    drop_outages(&mut kept);
+    drop_outages(&mut kept, zero);
     Clean {
         kept,
         good: before,
@@ -39,8 +48,9 @@ pub fn clean(series: &[Sample], preparation: &mut Preparation) -> Clean {
 }
 
 /// Drops what is written where nothing was measured.
-fn drop_outages(kept: &mut Vec<Sample>) {
-    let outages = outages(kept);
+fn drop_outages(kept: &mut Vec<Sample>, zero: Zero) {
+    let mut outages = outages(kept);
+    outages.retain(|value| zero == Zero::DropOut || *value != 0.0);
     if !outages.is_empty() {
         kept.retain(|s| !outages.contains(&s.value));
     }

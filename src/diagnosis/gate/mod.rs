@@ -16,7 +16,7 @@ use super::history_kind::{HistoryKind, recognise};
 use super::{NotIdentifiable, Preparation, Settings};
 use crate::signal::{Record, Row, Sample, Window};
 use crate::sysid::missing::likeliest;
-use clean::{clean, missing_share, shortage};
+use clean::{Zero, clean, missing_share, shortage};
 use refuse::refuse;
 use stretches::{automatic, intersect, runs};
 
@@ -36,8 +36,8 @@ pub type Gated = Result<(Window, Preparation), Box<(NotIdentifiable, Preparation
 /// The reason why the record says nothing about the valve, with what was learned of it on the way.
 pub fn gate(record: &Record, settings: &Settings) -> Gated {
     let mut preparation = Preparation { decimation: 1, ..Preparation::default() };
-    let op = clean(&record.input(), &mut preparation);
-    let pv = clean(&record.pv, &mut preparation);
+    let op = clean(&record.input(), Zero::DropOut, &mut preparation);
+    let pv = clean(&record.pv, Zero::DropOut, &mut preparation);
     preparation.history = recognise(&op.kept, &pv.kept).map(Box::new);
     let need = settings.min_samples;
     let stop =
@@ -146,7 +146,7 @@ fn rows_late(
         value.map(|value| value - record.term_at(placed.rows.time((from + k as i64) as f64)))
     };
     let op: Vec<Option<f64>> = placed.op(op, from, n).into_iter().enumerate().map(own).collect();
-    let sp = record.sp.as_deref().and_then(|sp| set_point(sp, placed, from, n));
+    let sp = record.sp.as_deref().and_then(|sp| set_point(sp, placed, from, &vec![false; n]));
     let sp: Option<Vec<Option<f64>>> = sp.map(|values| values.into_iter().map(Some).collect());
     acquisition::rows_late(&op, &placed.pv(pv, from, n), sp.as_deref())
 }
@@ -163,13 +163,17 @@ fn fill(record: &Record, placed: &Placed, (op, pv): (&[Sample], &[Sample]), from
     let rows = if missing.contains(&true) { missing.iter().map(worth).collect() } else { Vec::new() };
     let n = missing.len();
     let from = from + first as i64;
-    let other = |series: &[Sample]| -> Option<Vec<f64>> {
-        let kept = clean(series, &mut Preparation::default()).kept;
+    let cleaned = |series: &[Sample], zero: Zero| clean(series, zero, &mut Preparation::default()).kept;
+    let on_rows = |kept: &[Sample]| -> Option<Vec<f64>> {
         let end = placed.rows.time((from + n as i64 - 1) as f64);
         let overlaps = kept.first()?.t <= end && kept.last()?.t >= placed.rows.time(from as f64);
-        overlaps.then(|| held(&placed.other(&kept, from, n)))
+        overlaps.then(|| held(&without_drop_outs(placed.other(kept, from, n), &missing)))
     };
-    let sp = record.sp.as_deref().and_then(|sp| set_point(sp, placed, from, n));
+    let other = |series: &[Sample]| on_rows(&cleaned(series, Zero::Value));
+    // A stem that is read more slowly than the rows would stand between its samples, as one that sticks does.
+    let as_fast = |kept: &Vec<Sample>| placed.of_changes() || !placed.is_slower(kept);
+    let stem = record.mv.as_deref().map(|stem| cleaned(stem, Zero::DropOut)).filter(as_fast);
+    let sp = record.sp.as_deref().and_then(|sp| set_point(sp, placed, from, &missing));
     let (op, pv) = (&op[first..=last], &pv[first..=last]);
     let [op, pv] = likeliest(op, pv, [carried_on(op), drawn_through(pv)], sp.as_deref());
     Window {
@@ -178,16 +182,23 @@ fn fill(record: &Record, placed: &Placed, (op, pv): (&[Sample], &[Sample]), from
         op,
         pv,
         sp,
-        mv: record.mv.as_deref().and_then(&other),
+        mv: stem.and_then(|kept| on_rows(&kept)),
         tags: record.tags.iter().filter_map(|(name, s)| Some((name.clone(), other(s)?))).collect(),
         rows,
     }
 }
 
-/// The set point on `n` rows from row `from` on. It holds until something else is known of it, also where it was reported
-/// before the window and did not change since; one that could not be read since is not known.
-fn set_point(series: &[Sample], placed: &Placed, from: i64, n: usize) -> Option<Vec<f64>> {
-    let kept = clean(series, &mut Preparation::default()).kept;
+/// A tag's values on rows, without zeros where OP or PV is missing: a link that was lost may have written zero into every tag.
+fn without_drop_outs(values: Vec<Option<f64>>, missing: &[bool]) -> Vec<Option<f64>> {
+    let kept = |(value, missing): (Option<f64>, &bool)| value.filter(|value| *value != 0.0 || !missing);
+    values.into_iter().zip(missing).map(kept).collect()
+}
+
+/// The set point on the rows from row `from` on, at some of which OP or PV is missing. It holds until something else is known of
+/// it, also where it was reported before the window and did not change since; one that could not be read since is not known.
+fn set_point(series: &[Sample], placed: &Placed, from: i64, missing: &[bool]) -> Option<Vec<f64>> {
+    let n = missing.len();
+    let kept = clean(series, Zero::Value, &mut Preparation::default()).kept;
     let (begin, end) = (placed.rows.time(from as f64), placed.rows.time((from + n as i64 - 1) as f64));
     let (first, last) = (kept.first()?, kept.last()?);
     let lost = |s: &Sample| !(s.quality.is_good() && s.value.is_finite()) && s.t > last.t && s.t <= end;
@@ -195,7 +206,7 @@ fn set_point(series: &[Sample], placed: &Placed, from: i64, n: usize) -> Option<
         return None;
     }
     let before = kept[..kept.partition_point(|s| s.t <= begin)].last().map(|s| s.value);
-    Some(held_from(before, &placed.other(&kept, from, n)))
+    Some(held_from(before, &without_drop_outs(placed.other(&kept, from, n), missing)))
 }
 
 /// The last known value where one is missing, and the first where none is known yet.

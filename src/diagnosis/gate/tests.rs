@@ -249,3 +249,57 @@ fn a_set_point_that_did_not_change_in_the_window_is_known_all_the_same() {
     record.mv = Some(vec![Sample::good(-9000.0, 47.0)]);
     assert_eq!(gate(&record, &Settings::default()).expect("passes").0.mv, None);
 }
+
+#[test]
+fn zeros_of_set_points_and_pumps_are_values() {
+    let mut record = wave(500, 1.0);
+    let series = |value: &dyn Fn(usize) -> f64| -> Vec<Sample> {
+        (0..500).map(|k| Sample::good(k as f64, value(k))).collect()
+    };
+    // On for 60 % of the time, and a set point that is zero for 30 % of it.
+    let pump = |k: usize| f64::from(u8::from(k % 10 < 6));
+    let level = |k: usize| if (200..350).contains(&k) { 0.0 } else { 50.0 };
+    record.tags = vec![("pump".into(), series(&pump))];
+    record.sp = Some(series(&level));
+    // A link that was lost wrote zero into all of them.
+    for k in 100..103 {
+        for tag in [&mut record.op, &mut record.pv] {
+            tag[k].value = 0.0;
+        }
+        record.sp.as_mut().expect("there is one")[k].value = 0.0;
+    }
+    let (w, _) = gate(&record, &Settings::default()).expect("passes");
+    let same = |values: &[f64], truth: &dyn Fn(usize) -> f64| {
+        (0..500).filter(|k| w.row(*k) == Row::Counts).all(|k| values[k] == truth(k))
+    };
+    let sp = w.sp.as_deref().expect("recorded");
+    assert!(same(&w.tags[0].1, &pump) && same(sp, &level));
+    assert_eq!((w.row(101), sp[101]), (Row::Missing, 50.0));
+    // What stands for none is none in any tag that moves.
+    let ramp = |k: usize| if k == 250 { -9999.0 } else { 50.0 + 0.01 * k as f64 };
+    record.sp = Some(series(&ramp));
+    let (w, _) = gate(&record, &Settings::default()).expect("passes");
+    assert!(w.sp.expect("recorded").iter().all(|value| *value >= 50.0));
+}
+
+#[test]
+fn a_stem_that_is_read_more_slowly_than_op_is_not_used() {
+    let mut record = wave(600, 1.0);
+    let stem = |every: usize| -> Vec<Sample> {
+        (0..600).step_by(every).map(|k| Sample::good(k as f64, 50.0 + (k as f64 * 0.2).sin())).collect()
+    };
+    let mv = |record: &Record| gate(record, &Settings::default()).expect("passes").0.mv;
+    record.mv = Some(stem(1));
+    assert_eq!(mv(&record).expect("as fast").len(), 600);
+    // One that lost a poll now and then is as fast as before.
+    record.mv.as_mut().expect("there is one").retain(|s| s.t % 20.0 != 7.0);
+    assert!(mv(&record).is_some());
+    for every in [2, 10] {
+        record.mv = Some(stem(every));
+        assert_eq!(mv(&record), None, "every {every} s");
+        // Another tag, which is no stem, is held.
+        let tags = vec![("flow".into(), stem(every))];
+        let w = gate(&Record { tags, ..record.clone() }, &Settings::default()).expect("passes").0;
+        assert_eq!((w.tags[0].1[10], w.tags[0].1[11]), (50.0 + 2.0_f64.sin(), 50.0 + 2.0_f64.sin()));
+    }
+}
