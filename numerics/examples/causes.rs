@@ -171,6 +171,7 @@ fn measure(rows: &[Row]) {
         println!();
     }
     let named = |row: &&Row| row.said.is_some_and(|cause| cause != Cause::Unknown);
+    let told = |said: Option<Cause>| -> Vec<&Row> { rows.iter().filter(|row| row.said == said).collect() };
     let share = |some: &[&Row]| {
         let right = some.iter().filter(|row| row.said == row.cause).count();
         match tally::wilson(right, some.len()) {
@@ -180,10 +181,18 @@ fn measure(rows: &[Row]) {
             None => "none".into(),
         }
     };
+    // Over all loops first: a share of those that got a name says nothing of those that got none.
+    println!("\n| of all that are | told right |\n|---|---|");
+    for is in all.iter().filter(|is| **is != Some(Cause::Unknown)) {
+        let own: Vec<&Row> = rows.iter().filter(|row| row.cause == *is).collect();
+        println!("| {} | {} |", name(*is), share(&own));
+    }
+    let moving: Vec<&Row> = rows.iter().filter(|row| row.cause.is_some()).collect();
+    println!("| all that are not at rest | {} |", share(&moving));
+    println!("| all | {} |", share(&rows.iter().collect::<Vec<_>>()));
     let sure: Vec<&Row> = rows.iter().filter(named).filter(|row| row.probability >= 0.8).collect();
     println!("\nnamed with probability 0.8 or more: {} right", share(&sure));
-    let unknown = rows.iter().filter(|row| row.said == Some(Cause::Unknown)).count();
-    println!("unknown: {unknown} of {}", rows.len());
+    println!("unknown: {} of {}", told(Some(Cause::Unknown)).len(), rows.len());
     println!("\n| probability | right |\n|---|---|");
     for low in [0.0, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95] {
         let high = [0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.01].into_iter().find(|high| *high > low).unwrap_or(1.01);
@@ -191,6 +200,9 @@ fn measure(rows: &[Row]) {
             rows.iter().filter(named).filter(|row| (low..high).contains(&row.probability)).collect();
         println!("| {low} to {:.2} | {} |", high.min(1.0), share(&bin));
     }
+    // With these every loop is in one row.
+    println!("| told at rest, which has no probability | {} |", share(&told(None)));
+    println!("| unknown | {} |", share(&told(Some(Cause::Unknown))));
     // What the signs alone say, without the group.
     let alone = rows.iter().filter(|row| row.cause != Some(Cause::Neighbour));
     let of = |row: &Row| probabilities(&row.signs).into_iter().enumerate().max_by(|a, b| a.1.total_cmp(&b.1));

@@ -15,6 +15,7 @@ use acquired::{Loop, Said, draw, judge, kinds_of_gaps, scans};
 use clap::Parser;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use std::process::ExitCode;
 use stictiond_numerics::detectors::tally;
 use stictiond_numerics::signal::Record;
 use stictiond_numerics::sim::acquisition::{Acquisition, Poll, acquire};
@@ -42,17 +43,24 @@ struct Args {
     /// Loops judged at once
     #[arg(long, default_value_t = std::thread::available_parallelism().map_or(1, usize::from))]
     threads: usize,
-    /// Only the rows whose names contain one of these words, separated by commas
-    #[arg(long = "rows", value_name = "ROWS", value_delimiter = ',')]
+    /// Only the rows with these names, whole and separated by semicolons
+    #[arg(long = "rows", value_name = "ROWS", value_delimiter = ';')]
     wanted: Vec<String>,
     /// Print what differs from the ticks
     #[arg(long)]
     each: bool,
 }
 
-fn main() {
+fn main() -> ExitCode {
     let Args { records: count, first_seed: first, threads, wanted, each } = Args::parse();
     let threads = threads.max(1);
+    let all = rows();
+    let wanted: Vec<&str> = wanted.iter().map(|name| name.trim()).collect();
+    if let Some(unknown) = wanted.iter().find(|name| all.iter().all(|row| row.name != **name)) {
+        eprintln!("no row {unknown:?}; the rows are");
+        all.iter().for_each(|row| eprintln!("  {}", row.name));
+        return ExitCode::FAILURE;
+    }
     let loops: Vec<Loop> = parallel::on(threads, 0..count, |i| draw(i, first + i));
     println!("{count} loops, seeds from {first}; Wilson 95 % intervals in brackets\n");
     println!(
@@ -61,10 +69,7 @@ fn main() {
     println!("|---|---|---|---|---|---|---|---|---|");
     let at_ticks = parallel::on(threads, &loops, |own| judge(own, &own.record));
     show("at the controller's ticks", &loops, &at_ticks, &at_ticks, false);
-    for row in rows() {
-        if !wanted.is_empty() && !wanted.iter().any(|part| row.name.contains(part)) {
-            continue;
-        }
+    for row in all.iter().filter(|row| wanted.is_empty() || wanted.contains(&row.name.as_str())) {
         let said = parallel::on(threads, &loops, |own| {
             let Some(scans) = scans(&own.record) else { return judge(own, &own.record) };
             let mut rng = Pcg64Mcg::seed_from_u64(own.seed);
@@ -74,6 +79,7 @@ fn main() {
         });
         show(&row.name, &loops, &at_ticks, &said, each);
     }
+    ExitCode::SUCCESS
 }
 
 fn rows() -> Vec<Row> {

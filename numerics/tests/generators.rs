@@ -4,6 +4,50 @@
 #[expect(dead_code, reason = "each user takes a part")]
 mod generators;
 
+/// A loop as it was before its effect or its friction.
+mod before {
+    use stictiond_numerics::residual::Kind;
+
+    use super::generators::{Case, GENERATORS, Generator, Size};
+
+    /// Every variant of every generator.
+    fn each(effect: Option<Kind>, check: impl Fn(&Generator, &Case)) {
+        for generator in &GENERATORS {
+            for variant in 0..(generator.variants)(effect) {
+                check(generator, &Case { effect, size: Size::Medium, variant, seed: 7, tags: 2 });
+            }
+        }
+    }
+
+    #[test]
+    fn it_is_the_same_loop_where_nothing_is_left_out() {
+        each(None, |generator, case| {
+            assert_eq!((generator.before)(case, 1.0), (generator.record)(case).0, "{case:?}");
+        });
+    }
+
+    #[test]
+    fn it_is_another_without_its_friction() {
+        each(None, |generator, case| {
+            let (record, truth) = (generator.record)(case);
+            let sound = (generator.before)(case, 0.0);
+            assert_eq!(sound.pv != record.pv, truth.f > 0.0, "{} {case:?}", generator.name);
+            assert_eq!(sound.op.len(), record.op.len(), "{} {case:?}", generator.name);
+        });
+    }
+
+    #[test]
+    fn it_is_the_same_until_the_effect_sets_in() {
+        each(Some(Kind::GainChange), |generator, case| {
+            let (record, before) = ((generator.record)(case).0, (generator.before)(case, 1.0));
+            // No gain changes in the first seventh of a record.
+            let (n, early) = (record.pv.len(), record.pv.len() / 7);
+            assert_eq!(before.pv[..early], record.pv[..early], "{} {case:?}", generator.name);
+            assert_ne!(before.pv[n - early..], record.pv[n - early..], "{} {case:?}", generator.name);
+        });
+    }
+}
+
 /// Generator B.
 mod b {
     use stictiond_numerics::residual::Kind;

@@ -24,34 +24,36 @@ use stictiond_numerics::residual::Kind;
 const SEED: u64 = 701;
 /// Cases of each kind, and records with nothing hidden, of each generator.
 const OF_A_KIND: usize = 2;
-const CLEAN: usize = 8;
+const CLEAN: usize = 12;
 /// Tags that have nothing to do with the loop, beside an effect.
 const TAGS: usize = 3;
 
-/// Shares of a sweep over a generator.
+/// Shares of a sweep over a generator's loops that have an effect.
 struct Rates {
     /// First effect named right.
     named: f64,
-    /// Something invented on a record with nothing hidden.
-    invented: f64,
-    /// Sound valves that are told to stick, beside an effect.
-    accused: f64,
     /// Sticking valves that are told.
     told: f64,
     /// The interval of f covers the truth, on sticking valves that are told.
     covered: f64,
 }
 
-/// `tracing_rates --seeds 1 --first-seed 700` where something is hidden, `--effects "" --first-seed 9000 --clean 120` where nothing is.
-const RATES_OF_A: Rates = Rates { named: 0.80, invented: 0.04, accused: 0.02, told: 0.82, covered: 0.89 };
-const RATES_OF_B: Rates = Rates { named: 0.61, invented: 0.03, accused: 0.02, told: 0.48, covered: 0.85 };
-const RATES_OF_C: Rates = Rates { named: 0.59, invented: 0.16, accused: 0.01, told: 0.57, covered: 0.58 };
+/// `tracing_rates --seeds 1 --clean 60`, with `--first-seed 421` and `1013` together: 261 of 344, 196 of 248, 177 of 196.
+const RATES_OF_A: Rates = Rates { named: 0.76, told: 0.79, covered: 0.90 };
+/// 240 of 430, 140 of 310, 123 of 140.
+const RATES_OF_B: Rates = Rates { named: 0.56, told: 0.45, covered: 0.88 };
+/// 369 of 644, 217 of 462, 142 of 217.
+const RATES_OF_C: Rates = Rates { named: 0.57, told: 0.47, covered: 0.65 };
+/// Sound valves that are told to stick beside an effect: in the same sweeps 3 of 398.
+const ACCUSED: f64 = 0.0075;
+/// Something invented on a record with nothing hidden: there on 11 of 360.
+const INVENTED: f64 = 0.031;
 
 /// Cases of a kind, their variants spread over loop classes and valves.
 fn of_kind(generator: &Generator, kind: Kind, count: usize, size: Size) -> Vec<Case> {
     let variants = (generator.variants)(Some(kind));
     let at = Kind::ALL.iter().position(|other| *other == kind).unwrap_or(0);
-    // 7 and the numbers of variants have no factor in common: consecutive cases differ in class and in valve.
+    // Consecutive cases differ in class and in valve.
     let case = |i: usize| Case {
         effect: Some(kind),
         size,
@@ -64,45 +66,47 @@ fn of_kind(generator: &Generator, kind: Kind, count: usize, size: Size) -> Vec<C
 
 fn clean(generator: &Generator) -> Vec<Case> {
     let variants = (generator.variants)(None);
+    // Steps of five meet all variants, but where their number is a multiple of it.
+    let step = if variants.is_multiple_of(5) { 7 } else { 5 };
     let case = |i: usize| Case {
         effect: None,
         size: Size::Medium,
-        variant: 7 * i % variants,
+        variant: step * i % variants,
         seed: SEED + i as u64,
         tags: [0, 5, 20, 50][i / 2 % 4],
     };
     (0..CLEAN).map(case).collect()
 }
 
-/// What has to hold of a generator's loops: named right, little invented, nobody accused, f within its interval.
+/// Prints a count and asserts that it is no less than the rate and chance leave.
+fn at_least(what: &str, count: usize, of: usize, rate: f64) {
+    println!("{what} {count} of {of}");
+    assert!(count >= fewest(rate, of), "{what} {count} of {of}, {rate} expected");
+}
+
+/// The same of no more.
+fn at_most(what: &str, count: usize, of: usize, rate: f64) {
+    println!("{what} {count} of {of}");
+    assert!(count <= most(rate, of), "{what} {count} of {of}, {rate} expected");
+}
+
+/// What has to hold of a generator's loops that have an effect: named right, nobody accused, f within its interval.
 fn holds(generator: &Generator, rates: &Rates) {
     let effects = Kind::ALL.into_iter().flat_map(|kind| of_kind(generator, kind, OF_A_KIND, Size::Medium));
-    let found = parallel::each(effects.chain(clean(generator)), |case| judge(generator, &case, false));
+    let found = parallel::each(effects, |case| judge(generator, &case, false));
     assert!(found.iter().all(|j| !j.candidates.is_empty()), "every case can be traced");
     let odd = found.iter().filter(|j| j.naming() != Naming::Right || !j.beside().is_empty());
     odd.for_each(|j| println!("{}", j.line()));
-    let (quiet, hidden): (Vec<&Judged>, Vec<&Judged>) = found.iter().partition(|j| j.case.effect.is_none());
     let (sticking, sound): (Vec<&Judged>, Vec<&Judged>) = found.iter().partition(|j| j.f_true > 0.0);
     let told: Vec<&&Judged> = sticking.iter().filter(|j| j.sticks).collect();
-    let at_least = |what: &str, count: usize, of: usize, rate: f64| {
-        println!("{}: {what} {count} of {of}", generator.name);
-        assert!(count >= fewest(rate, of), "{what} {count} of {of}, {rate} expected");
-    };
-    let at_most = |what: &str, count: usize, of: usize, rate: f64| {
-        println!("{}: {what} {count} of {of}", generator.name);
-        assert!(count <= most(rate, of), "{what} {count} of {of}, {rate} expected");
-    };
-    let right = hidden.iter().filter(|j| j.naming() == Naming::Right).count();
-    at_least("named right", right, hidden.len(), rates.named);
-    let invented = quiet.iter().filter(|j| !j.beside().is_empty()).count();
-    at_most("invented on", invented, quiet.len(), rates.invented);
+    let right = found.iter().filter(|j| j.naming() == Naming::Right).count();
+    at_least("named right", right, found.len(), rates.named);
     let named: Vec<(f64, bool)> = found.iter().flat_map(Judged::competing).collect();
     let share = named.iter().map(|own| own.0).sum::<f64>() / named.len() as f64;
     let there = named.iter().filter(|own| own.1).count();
     at_least("there of what is named, as often as the posteriors say", there, named.len(), share);
-    let accused: Vec<&&Judged> = sound.iter().filter(|j| j.sticks).collect();
-    at_most("accused", accused.len(), sound.len(), rates.accused);
-    assert!(accused.iter().all(|j| j.case.effect.is_some()), "a sound loop with nothing hidden is accused");
+    let accused = sound.iter().filter(|j| j.sticks).count();
+    at_most("accused", accused, sound.len(), ACCUSED);
     at_least("told to stick", told.len(), sticking.len(), rates.told);
     let covered = told.iter().filter(|j| (j.ci[0]..=j.ci[1]).contains(&j.f_true)).count();
     at_least("interval covers", covered, told.len(), rates.covered);
@@ -123,6 +127,21 @@ fn loops_of_generator_c_are_read_right() {
     holds(&GENERATORS[2], &RATES_OF_C);
 }
 
+/// Of all generators together: of one alone a few records tell little.
+#[test]
+fn where_nothing_is_hidden_little_is_invented_and_nobody_accused() {
+    let generators = GENERATORS;
+    let cases = generators.iter().flat_map(|own| clean(own).into_iter().map(move |case| (own, case)));
+    let quiet = parallel::each(cases, |(generator, case)| judge(generator, &case, false));
+    assert!(quiet.iter().all(|j| !j.candidates.is_empty()), "every case can be traced");
+    quiet.iter().filter(|j| !j.beside().is_empty()).for_each(|j| println!("{}", j.line()));
+    let invented = quiet.iter().filter(|j| !j.beside().is_empty()).count();
+    at_most("invented on", invented, quiet.len(), INVENTED);
+    let accused: Vec<String> =
+        quiet.iter().filter(|j| j.f_true == 0.0 && j.sticks).map(Judged::line).collect();
+    assert!(accused.is_empty(), "sound loops with nothing hidden are accused: {accused:#?}");
+}
+
 /// Its valve rests in the first two thirds of the window; then the loop swings to the end.
 #[test]
 fn a_loop_that_begins_to_swing_late_keeps_its_friction() {
@@ -133,7 +152,7 @@ fn a_loop_that_begins_to_swing_late_keeps_its_friction() {
 }
 
 const LOADS: [Kind; 4] = [Kind::OscillatingLoad, Kind::MeasuredDisturbance, Kind::LoadStep, Kind::Drift];
-/// Large loads that a fit which is told of them finds: on these 13 of 16, two drifts and a step are missed.
+/// Large loads that a fit which is told of them finds, or that are found without: 13 of 16, but two drifts and a step. All are asked.
 const FOUND_WHEN_TOLD: f64 = 0.81;
 
 #[test]
@@ -146,7 +165,7 @@ fn a_load_is_told_in_units_of_op_and_found_by_a_fit_that_is_told_of_it() {
         let cases = of_kind(a, kind, 12, Size::Large).into_iter().filter(at_valve).take(4);
         let judged = parallel::each(cases, |case| judge(a, &case, true));
         asked += judged.len();
-        found += judged.iter().filter(|j| j.identifiable != Some(false)).count();
+        found += judged.iter().filter(|j| j.identifiable == Some(true)).count();
         judged.iter().filter(|j| j.identifiable == Some(false)).for_each(|j| println!("{}", j.line()));
         let mut shares: Vec<f64> = judged.iter().filter_map(|j| j.size).collect();
         shares.sort_by(f64::total_cmp);

@@ -70,7 +70,7 @@ pub struct Signals<'a> {
 pub struct Rows<'a> {
     /// Their indices from `first` on, in order.
     pub left_out: &'a [usize],
-    /// What each sample is worth, where some are missing: the prediction takes the place of y there. Else empty.
+    /// What each sample is worth, where some do not count: the prediction takes the place of y where it is missing. Else empty.
     pub worth: &'a [Row],
 }
 

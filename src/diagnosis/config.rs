@@ -18,7 +18,8 @@ pub struct Config {
     pub min_samples: usize,
     /// Largest share of samples that may be missing or bad (0..1).
     pub max_gap_share: f64,
-    /// Sample period to resample to (s); left out, the median of the stamps.
+    /// Sample period to resample to (s); left out, the controller's scan where the record shows it, else the period of the
+    /// stamps.
     pub ts_s: Option<f64>,
     /// Longest process delay searched (samples).
     pub max_delay_samples: usize,

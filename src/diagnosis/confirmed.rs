@@ -32,8 +32,7 @@ pub struct Known {
 /// The diagnosis of a prepared record by what is known of it. The curve over f is that of the long ARX, at the grid's number of
 /// points. Steadiness is NaN: it is a number of the search, which was not made.
 pub fn confirmed(prepared: Prepared, known: Known) -> Diagnosis {
-    let Prepared { window, preparation, region, oscillation, problem, scale, .. } = prepared;
-    let n = window.len();
+    let Prepared { window, preparation, oscillation, problem, scale, .. } = prepared;
     let (low, high) = range(&window.op);
     let estimate = Estimate {
         f: known.f,
@@ -42,7 +41,7 @@ pub fn confirmed(prepared: Prepared, known: Known) -> Diagnosis {
         delta_aic: known.delta_aic,
         rival: Rival::Linear,
         steadiness: f64::NAN,
-        f_max: region.f_max(0, n),
+        f_max: problem.f_top * scale.u,
         d: best_d(&problem) * scale.u,
         curve: curve(&problem, scale.u),
         model: known.model,

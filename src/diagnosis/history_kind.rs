@@ -71,13 +71,13 @@ impl HistoryKind {
     pub fn note(self) -> &'static str {
         match self {
             Self::SwingingDoor => {
-                "An archive kept only the samples that a straight line does not replace: small movements are lost, and f is biased."
+                "An archive kept only the samples that a straight line does not replace: small movements are lost, and f reads low."
             }
             Self::Exception => {
-                "Only changes beyond a dead band were kept: that looks like sticking, and f is biased."
+                "Only changes beyond a dead band were kept: small movements are lost, f reads low, and sticking may go unseen. Ask for raw values."
             }
             Self::Interpolated => {
-                "An archive drew lines between the few samples it kept: small movements are lost, and f is biased."
+                "An archive drew lines between the few samples it kept: small movements are lost, and f reads low."
             }
             Self::Held => "PV is measured only every few samples: use the period at which it is measured.",
             Self::Averaged => "PV is a running mean: it comes later and smoother than it was measured.",

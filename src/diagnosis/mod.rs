@@ -44,7 +44,8 @@ pub struct Settings {
     pub min_samples: usize,
     /// Largest share of samples that may be missing or bad (0..1).
     pub max_gap_share: f64,
-    /// Sample period to resample to (s); `None` takes the median of the stamps.
+    /// Sample period to resample to (s); `None` takes the controller's scan where the record shows it, else the period of the
+    /// stamps.
     pub ts: Option<f64>,
     /// Longest process delay searched (samples).
     pub max_delay: usize,
@@ -90,7 +91,7 @@ pub enum NotIdentifiable {
         /// Share at a limit (0..1).
         share: f64,
     },
-    /// The loop is not in automatic for enough of the window.
+    /// The loop is never in automatic for long enough at a time.
     Manual {
         /// Share in automatic (0..1).
         share_auto: f64,
@@ -187,7 +188,11 @@ impl fmt::Display for NotIdentifiable {
             }
             Self::Manual { share_auto } if *share_auto == 0.0 => write!(out, "manual: never in automatic"),
             Self::Manual { share_auto } => {
-                write!(out, "manual: in automatic for only {:.0} % of the window", share_auto * 100.0)
+                write!(
+                    out,
+                    "manual: in automatic for {:.0} % of the window, and never for long enough at a time",
+                    share_auto * 100.0
+                )
             }
             Self::NotExcited { reversals } => {
                 let times = if *reversals == 1 { "time" } else { "times" };
@@ -370,8 +375,8 @@ pub struct Estimate {
     pub mv: Vec<f64>,
 }
 
-/// How well a model predicts PV (PV unit). Both errors are of samples that nothing was fitted to: the last 30 % of the window in a
-/// diagnosis, the last 20 % of the fitted record in tracing.
+/// How well a model predicts PV (PV unit). Both errors are of samples that no coefficient was fitted to: the last 30 % of the window
+/// in a diagnosis, whose f, orders and delay come from the whole of it, and the last 20 % of the fitted record in tracing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Residual {
     /// Ljung–Box does not reject whiteness, of the residual of all samples that count, fitted ones too.

@@ -67,8 +67,14 @@ pub fn decimate(w: &Window, factor: usize) -> Window {
         mv: w.mv.as_ref().map(filtered),
         tags: w.tags.iter().map(|(name, v)| (name.clone(), filtered(v))).collect(),
         // A row is worth what most of those about it are: the filter hardly reaches further.
-        rows: w.rows.chunks_exact(factor).map(most).collect(),
+        rows: (0..w.rows.len() / factor).map(|k| most(about(&w.rows, k * factor, factor))).collect(),
     }
+}
+
+/// So many rows with this one in the middle; fewer at the ends.
+fn about(rows: &[Row], centre: usize, factor: usize) -> &[Row] {
+    let from = centre.saturating_sub(factor / 2);
+    &rows[from..(centre + factor - factor / 2).min(rows.len())]
 }
 
 /// What most rows are worth; of as many, the less.

@@ -1,9 +1,9 @@
-//! The oscillation of OP: its large extrema, its regularity r, the most regular stretch, and f_max.
+//! The oscillation of OP: its large extrema, its regularity r, the most regular stretch, and its swing.
 //!
 //! ```text
 //! h = OP - (upper + lower) / 2      natural cubic splines through the large maxima and minima
 //! r = mean(T) / (3 sd(T))           T: periods between zero crossings of h; r > 1 is regular
-//! f_max = mean(maxima) - mean(minima)
+//! swing = mean(maxima) - mean(minima)
 //! ```
 //!
 //! Source: Ivan & Lakshminarayanan 2009, sections 3.2 and 3.3.1; Thornhill et al., J. Process Control 2003, 13, 91.
@@ -71,7 +71,7 @@ impl Region {
         Some(Oscillation {
             period: mean(&periods) * ts,
             regularity_r: regularity(&periods),
-            op_amplitude: 0.5 * self.f_max(from, to),
+            op_amplitude: 0.5 * self.swing(from, to),
         })
     }
 
@@ -82,7 +82,7 @@ impl Region {
     }
 
     /// Mean of the large maxima less mean of the large minima between `from` and `to`; 0 without both.
-    pub fn f_max(&self, from: usize, to: usize) -> f64 {
+    pub fn swing(&self, from: usize, to: usize) -> f64 {
         let of = |is_max: bool| -> Vec<f64> {
             let wanted = |e: &&Extremum| e.is_max == is_max && e.index >= from && e.index < to;
             self.extrema.iter().filter(wanted).map(|e| e.value).collect()
@@ -96,7 +96,7 @@ impl Region {
         self.extrema.iter().filter(|e| e.index >= from && e.index < to).count()
     }
 
-    /// The first sample of the stretch of `length` samples with the largest r; 0 when nothing oscillates.
+    /// The first sample of the stretch of `length` samples with the largest r; the newest stretch when nothing oscillates.
     pub fn most_regular(&self, n: usize, length: usize) -> usize {
         if n <= length {
             return 0;

@@ -65,7 +65,7 @@ pub struct Problem {
 #[derive(Clone, Debug, Default)]
 pub struct Holes {
     left_out: Vec<usize>,
-    /// Empty where none is missing.
+    /// Empty where all count.
     worth: Vec<Row>,
 }
 
@@ -74,7 +74,11 @@ impl Holes {
     pub fn of(window: &Window, first: usize) -> Self {
         Self {
             left_out: (first..window.rows.len()).filter(|k| window.rows[*k] != Row::Counts).collect(),
-            worth: if window.rows.contains(&Row::Missing) { window.rows.clone() } else { Vec::new() },
+            worth: if window.rows.iter().any(|row| *row != Row::Counts) {
+                window.rows.clone()
+            } else {
+                Vec::new()
+            },
         }
     }
 

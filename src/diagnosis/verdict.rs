@@ -108,7 +108,6 @@ fn judge(record: &Record, settings: &Settings) -> Diagnosis {
         Ok(prepared) => prepared,
         Err(refused) => return *refused,
     };
-    let n = prepared.window.len();
     let mut searcher = Searcher::new(&prepared.problem);
     let grid = searcher.grid(GRID);
     let cells = searcher.full_profile();
@@ -122,7 +121,7 @@ fn judge(record: &Record, settings: &Settings) -> Diagnosis {
         (sticky, evidence)
     });
     let verdict = verdict_of(&prepared, settings, &cells, weighed.as_ref());
-    let Prepared { window, preparation, region, oscillation, ref problem, scale, span } = prepared;
+    let Prepared { window, preparation, oscillation, ref problem, scale, span, .. } = prepared;
     if let Verdict::NotIdentifiable(reason) = verdict {
         return refused(reason, preparation, oscillation, Some(window));
     }
@@ -141,7 +140,7 @@ fn judge(record: &Record, settings: &Settings) -> Diagnosis {
         delta_aic: weighed.map_or(0.0, |(_, e)| e.delta_aic.max(0.0)),
         rival: weighed.map_or(Rival::Linear, |(_, e)| e.rival),
         steadiness: weighed.map_or(0.0, |(_, e)| e.steadiness),
-        f_max: region.f_max(0, n),
+        f_max: problem.f_top * scale.u,
         d: best_d(problem) * scale.u,
         curve: curve(&grid, problem, scale.u),
         model: model(&chosen, &scale),

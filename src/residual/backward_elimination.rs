@@ -1,6 +1,6 @@
 //! Backward elimination: an effect goes if the hypothesis without it is likelier.
 
-use super::decide::{Decided, decide};
+use super::fit::{Fitted, fit_anew};
 use super::posterior::log_prior;
 use crate::sysid::iddata::IdData;
 use crate::sysid::valve::ValveModel;
@@ -9,7 +9,7 @@ use crate::sysid::valve::ValveModel;
 const OFFERED: usize = 3;
 
 /// Drops effects one by one while that makes the hypothesis likelier; `keep` tells which of the effects are left.
-pub fn eliminate(data: &IdData, mut best: Decided, pool: &[ValveModel], keep: &mut Vec<usize>) -> Decided {
+pub fn eliminate(data: &IdData, mut best: Fitted, pool: &[ValveModel], keep: &mut Vec<usize>) -> Fitted {
     loop {
         let count = best.hypothesis.effects.len();
         // The last effect was compared with none just now.
@@ -24,12 +24,12 @@ pub fn eliminate(data: &IdData, mut best: Decided, pool: &[ValveModel], keep: &m
 }
 
 /// The best fit without the effect at `at`, with the valve there is, others, or none.
-fn fitted_without(data: &IdData, best: &Decided, at: usize, pool: &[ValveModel]) -> Decided {
+fn fitted_without(data: &IdData, best: &Fitted, at: usize, pool: &[ValveModel]) -> Fitted {
     let other = best.hypothesis.without(at);
     let own = [None, best.hypothesis.valve].into_iter();
     let valves = own.chain(pool.iter().take(OFFERED).map(|valve| Some(*valve)));
     valves
-        .map(|valve| decide(data, other.with_valve(valve), None))
+        .map(|valve| fit_anew(data, other.with_valve(valve), None))
         .max_by(|a, b| a.score.total_cmp(&b.score))
         .unwrap_or_else(|| best.clone())
 }

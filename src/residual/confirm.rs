@@ -17,8 +17,8 @@
 //! Source: Ljung, System Identification, 1999, chapter 16 (model validation).
 
 use super::data_quality::{Fact, assess};
-use super::decide::{Decided, NEAR, decide, decide_near, retime, scored};
 use super::findings::{Evidence, Findings, Friction, Structure};
+use super::fit::{Fitted, NEAR, fit_anew, fit_near, retime, scored};
 use super::forward_selection::{CLOSE, FITTED, table};
 use super::held_out::{judge, without};
 use super::hypotheses::load::oscillating_load::Oscillating;
@@ -125,7 +125,7 @@ fn standing(prepared: &Prepared, last: &Structure) -> Diagnosis {
 
 /// Whether any effect beside the structure is likelier than none. Those that promise more than they cost by the score tests
 /// with which a search begins are fitted, and what ends near is fitted to the end.
-fn promising(data: &IdData, base: &Decided) -> bool {
+fn promising(data: &IdData, base: &Fitted) -> bool {
     let screen = Screen::new(data, base);
     let enough = base.score - log_prior(1);
     ALL.iter().any(|kind| {
@@ -137,19 +137,19 @@ fn promising(data: &IdData, base: &Decided) -> bool {
         });
         let mut promised: Vec<(f64, Hypothesis)> = promised.collect();
         promised.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let near = |other| retime(data, decide_near(data, other, &base.model, NEAR));
+        let near = |other| retime(data, fit_near(data, other, &base.model, NEAR));
         let fitted = promised.into_iter().take(FITTED).map(|(_, other)| near(other));
         let best = fitted.max_by(|a, b| a.score.total_cmp(&b.score));
         best.filter(|best| best.score > enough - CLOSE)
-            .is_some_and(|best| best.score > enough || decide(data, best.hypothesis, None).score > enough)
+            .is_some_and(|best| best.score > enough || fit_anew(data, best.hypothesis, None).score > enough)
     })
 }
 
 /// Whether a whole search finds a valve that is likelier than none, where there was none.
-fn sticks_now(data: &IdData, base: &Decided) -> bool {
+fn sticks_now(data: &IdData, base: &Fitted) -> bool {
     let none = &base.hypothesis;
     let found = || search(data, none, &[], Effort::Whole).into_iter();
-    let sticks = |found: Found| decide(data, none.with_valve(Some(found.valve)), Some(&found.fit));
+    let sticks = |found: Found| fit_anew(data, none.with_valve(Some(found.valve)), Some(&found.fit));
     none.valve.is_none() && found().any(|found| sticks(found).score > base.score)
 }
 
@@ -194,21 +194,21 @@ fn fitted_beside(
     }
     let effort = if valve.is_none() { Effort::Grid } else { Effort::Same };
     let starts: Vec<ValveModel> = valve.into_iter().collect();
-    let mut decided = vec![decide(data, none.clone(), None)];
+    let mut decided = vec![fit_anew(data, none.clone(), None)];
     let mut classes = Vec::new();
     for found in search(data, none, &starts, effort) {
         let hypothesis = none.with_valve(Some(found.valve));
         if !classes.contains(&class(&hypothesis)) {
             classes.push(class(&hypothesis));
-            decided.push(decide(data, hypothesis, Some(&found.fit)));
+            decided.push(fit_anew(data, hypothesis, Some(&found.fit)));
         }
     }
-    let sticks = |d: &Decided| d.hypothesis.valve.is_some();
+    let sticks = |d: &Fitted| d.hypothesis.valve.is_some();
     if valve.is_some() {
         // What imitates a sticking valve best, without one.
         let screen = Screen::new(data, decided.first()?);
         let load = Oscillating.propose(&screen).into_iter().next();
-        decided.extend(load.map(|load| decide(data, none.with(load.effect), None)));
+        decided.extend(load.map(|load| fit_anew(data, none.with(load.effect), None)));
     }
     let sound = decided.first()?;
     let stuck = decided.iter().filter(|d| sticks(d)).max_by(|a, b| a.score.total_cmp(&b.score));
@@ -221,7 +221,7 @@ fn fitted_beside(
     }
     let declared = match likeliest.hypothesis.effects.is_empty() {
         true => likeliest.clone(),
-        false => decide(data, Hypothesis { effects: Vec::new(), ..likeliest.hypothesis.clone() }, None),
+        false => fit_anew(data, Hypothesis { effects: Vec::new(), ..likeliest.hypothesis.clone() }, None),
     };
     let added = match needed(data, likeliest) {
         Ok(added) => added,
@@ -244,7 +244,7 @@ fn fitted_beside(
 
 /// What speaks for each effect, and twice the log odds against none; or the number of the least likely one, where that is not
 /// likelier than not.
-fn needed(data: &IdData, best: &Decided) -> Result<Vec<(Evidence, f64)>, usize> {
+fn needed(data: &IdData, best: &Fitted) -> Result<Vec<(Evidence, f64)>, usize> {
     let with = judge(data, best, data);
     let each = best.hypothesis.effects.iter().enumerate().map(|(at, effect)| {
         let (without, held_out) = without(data, best, &with, at);

@@ -17,7 +17,7 @@
 //! Source: Kay, Fundamentals of Statistical Signal Processing II, 1998, section 6.5 (power of a likelihood-ratio test);
 //! Lange, Little & Taylor, JASA 1989, 84, 881 (information of a Student-t sample).
 
-use super::decide::Decided;
+use super::fit::Fitted;
 use super::hypothesis::Hypothesis;
 use super::valve_search::cost;
 use crate::sysid::armax::{Armax, ORDER};
@@ -53,8 +53,8 @@ const VALVES: [(StopRule, f64); 3] =
 ///
 /// * `fitted`: the model of the record, with friction or without.
 /// * `evidence`: twice the log odds that a verdict asks for (-).
-pub fn detectable(data: &IdData, fitted: &Decided, evidence: f64) -> Option<f64> {
-    let Decided { hypothesis, model, .. } = fitted;
+pub fn detectable(data: &IdData, fitted: &Fitted, evidence: f64) -> Option<f64> {
+    let Fitted { hypothesis, model, .. } = fitted;
     let stem = hypothesis.to_process(data, hypothesis.stem(data).0);
     let none = Without::new(data, hypothesis);
     let information = moving(data) * (model.nu + 1.0) / (model.nu + 3.0) / (model.scale * model.scale);
@@ -134,7 +134,7 @@ fn answers(data: &IdData, model: &Armax, x: &[f64], before: &[f64]) -> Answers {
 }
 
 /// What the fitted rows say of b1, b2, b3, in units of the squared scale of the errors: the inverse of their covariance.
-fn information_of_b(data: &IdData, fitted: &Decided, stem: &[f64]) -> OverB {
+fn information_of_b(data: &IdData, fitted: &Fitted, stem: &[f64]) -> OverB {
     let model = &fitted.model;
     let x: [Vec<f64>; ORDER] = std::array::from_fn(|j| filtered(data, model, &|k| stem[k - model.nk - j]));
     let y = fitted.hypothesis.pv(data);
@@ -194,14 +194,14 @@ fn left_of(v: &[Vec<f64>; ORDER], columns: Vec<Vec<f64>>, weight: &[f64]) -> Ove
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::residual::decide::decide;
+    use crate::residual::fit::fit_anew;
     use crate::signal::Window;
     use crate::sysid::valve::Start;
     use rand::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
 
     /// A sound loop whose OP swings by ±5, with this noise on PV, and its model.
-    fn sound(noise: f64) -> (IdData, Decided) {
+    fn sound(noise: f64) -> (IdData, Fitted) {
         let n = 1200;
         let mut draw = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(3));
         let mut next = || draw.next().unwrap_or(0.0);
@@ -214,7 +214,7 @@ mod tests {
         }
         let window = Window { t0: 0.0, ts: 1.0, op, pv, ..Window::default() };
         let data = IdData::new(&window, Start { index: 0, is_max: true }).expect("long enough");
-        let none = decide(&data, Hypothesis::default(), None);
+        let none = fit_anew(&data, Hypothesis::default(), None);
         (data, none)
     }
 
@@ -246,7 +246,7 @@ mod tests {
         let mut sticking = data.clone();
         let added = answers(&data, &none.model, &stuck.stem(&data).0, &data.u).free;
         sticking.y.iter_mut().zip(&added).for_each(|(y, added)| *y += added);
-        let [free, stuck] = [Hypothesis::default(), stuck].map(|h| decide(&sticking, h, None));
+        let [free, stuck] = [Hypothesis::default(), stuck].map(|h| fit_anew(&sticking, h, None));
         assert!(2.0 * (stuck.score - free.score) > 20.0, "{} {}", stuck.score, free.score);
     }
 }

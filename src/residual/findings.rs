@@ -35,7 +35,7 @@ pub enum Kind {
     Outliers,
     /// PV stands still while the process moves.
     FrozenPv,
-    /// OP and PV are stamped by clocks that disagree.
+    /// PV's time stamps are early or late against those of OP.
     ClockSkew,
 }
 
@@ -329,7 +329,7 @@ pub struct Findings {
     pub rejected: Vec<(Kind, Evidence)>,
     /// The likeliest kinds at the last step, those rejected and none (`None`) among them, with their posteriors.
     pub candidates: Vec<(Option<Kind>, f64)>,
-    /// The declared model on the held-out samples, which are read once.
+    /// The declared model on the held-out samples; its f is the diagnosis', of the whole window.
     pub before: Residual,
     /// The model with the effects on the same samples.
     pub after: Residual,
@@ -370,7 +370,7 @@ impl Findings {
 
     /// Whether they replace what the diagnosis says of friction: they do wherever they can tell it, or know that the record
     /// cannot, so that verdict, f, its interval and evidence come from one table.
-    pub fn decide(&self) -> bool {
+    pub fn replaces_diagnosis(&self) -> bool {
         match &self.verdict {
             Verdict::Stiction | Verdict::NoStiction => true,
             Verdict::NotIdentifiable(why) => {

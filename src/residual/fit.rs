@@ -1,4 +1,4 @@
-//! What decides: every hypothesis that leads the screening is fitted by ARMAX in the same way and scored by one criterion.
+//! The fit that decides: every hypothesis that leads the screening is fitted by ARMAX in the same way and scored by one criterion.
 
 use super::Kind;
 use super::hypothesis::{Hypothesis, OnData};
@@ -29,7 +29,7 @@ const RETIMED: usize = 3;
 
 /// A hypothesis with its fit.
 #[derive(Clone, Debug)]
-pub struct Decided {
+pub struct Fitted {
     /// The hypothesis, its smooth parameters as fitted.
     pub hypothesis: Hypothesis,
     /// Its model.
@@ -38,7 +38,7 @@ pub struct Decided {
     pub score: f64,
 }
 
-impl Decided {
+impl Fitted {
     fn new(data: &IdData, mut hypothesis: Hypothesis, model: Armax) -> Self {
         hypothesis.set_smooth(&model.theta);
         let score = scored(data, &hypothesis, model.log_likelihood);
@@ -98,7 +98,7 @@ fn starts(data: &IdData, hypothesis: &Hypothesis, near: Option<&ArxFit>) -> Vec<
 }
 
 /// Fits a hypothesis from nothing.
-pub fn decide(data: &IdData, hypothesis: Hypothesis, near: Option<&ArxFit>) -> Decided {
+pub fn fit_anew(data: &IdData, hypothesis: Hypothesis, near: Option<&ArxFit>) -> Fitted {
     let input = OnData { hypothesis: &hypothesis, data };
     let starts = starts(data, &hypothesis, near);
     let begun = starts.into_iter().take(DELAYS).map(|start| start.model.fit(data, &data.y, &input, FIRST));
@@ -113,37 +113,33 @@ pub fn decide(data: &IdData, hypothesis: Hypothesis, near: Option<&ArxFit>) -> D
         }
     }
     let model = model.unwrap_or_default();
-    Decided::new(data, hypothesis, model)
+    Fitted::new(data, hypothesis, model)
 }
 
 /// Fits the hypothesis that all others are compared with: it keeps its score whichever way its feedback is.
-pub fn decide_base(data: &IdData, hypothesis: Hypothesis) -> Decided {
-    let mut base = decide(data, hypothesis, None);
+pub fn fit_base(data: &IdData, hypothesis: Hypothesis) -> Fitted {
+    let mut base = fit_anew(data, hypothesis, None);
     base.score = scored(data, &base.hypothesis, base.model.log_likelihood);
     base
 }
 
 /// Fits a hypothesis from a model that is nearly right, in at most `most` iterations.
-pub fn decide_near(data: &IdData, hypothesis: Hypothesis, near: &Armax, most: usize) -> Decided {
+pub fn fit_near(data: &IdData, hypothesis: Hypothesis, near: &Armax, most: usize) -> Fitted {
     let input = OnData { hypothesis: &hypothesis, data };
     let mut start = near.clone();
     start.theta = smooth_values(&hypothesis);
     let model = start.fit(data, &data.y, &input, most);
-    Decided::new(data, hypothesis, model)
+    Fitted::new(data, hypothesis, model)
 }
 
 /// Fits a hypothesis a few iterations from nothing and from a model that may be right; the better of both.
-pub fn decide_quick(data: &IdData, hypothesis: Hypothesis, near: &Armax) -> Decided {
-    let warm = decide_near(data, hypothesis.clone(), near, NEAR);
+pub fn fit_quick(data: &IdData, hypothesis: Hypothesis, near: &Armax) -> Fitted {
+    let warm = fit_near(data, hypothesis.clone(), near, NEAR);
     let input = OnData { hypothesis: &hypothesis, data };
     let start = starts(data, &hypothesis, None).into_iter().next();
     let Some(start) = start else { return warm };
     let model = start.model.fit(data, &data.y, &input, NEAR);
-    if model.log_likelihood > warm.model.log_likelihood {
-        Decided::new(data, hypothesis, model)
-    } else {
-        warm
-    }
+    if model.log_likelihood > warm.model.log_likelihood { Fitted::new(data, hypothesis, model) } else { warm }
 }
 
 /// Moves the last effect's change to the time that explains most, if there is a better one, again and again.
@@ -154,7 +150,7 @@ pub fn decide_quick(data: &IdData, hypothesis: Hypothesis, near: &Armax) -> Deci
 ///
 /// `e0` are the errors of the same model without the change, `e1` those with the change from the start on: what 1/C carries
 /// over t is left out, so the best times are rated with it before one is fitted.
-pub fn retime(data: &IdData, mut best: Decided) -> Decided {
+pub fn retime(data: &IdData, mut best: Fitted) -> Fitted {
     for _ in 0..RETIMED {
         let Some(last) = best.hypothesis.effects.last().filter(|last| last.at().is_some()) else { break };
         let count = best.hypothesis.effects.len();
@@ -171,7 +167,7 @@ pub fn retime(data: &IdData, mut best: Decided) -> Decided {
         if rated <= held(&best.hypothesis) {
             break;
         }
-        let better = decide_near(data, other, &best.model, NEAR);
+        let better = fit_near(data, other, &best.model, NEAR);
         if better.score <= best.score {
             break;
         }
@@ -213,7 +209,7 @@ fn times(data: &IdData, model: &Armax, without: &Hypothesis, with: &Hypothesis) 
 }
 
 /// Looks to each side of the last effect's parameters in which the likelihood jumps, on finer and finer steps.
-pub fn refine(data: &IdData, best: Decided) -> Decided {
+pub fn refine(data: &IdData, best: Fitted) -> Fitted {
     let mut best = retime(data, best);
     for step in [1.0, 0.5, 0.25] {
         for _ in 0..3 {
@@ -224,8 +220,8 @@ pub fn refine(data: &IdData, best: Decided) -> Decided {
             for other in others {
                 let mut hypothesis = best.hypothesis.clone();
                 hypothesis.effects[count - 1] = other;
-                let tried = decide_near(data, hypothesis, &best.model, NEAR);
-                if tried.score > best.score && better.as_ref().is_none_or(|b: &Decided| tried.score > b.score)
+                let tried = fit_near(data, hypothesis, &best.model, NEAR);
+                if tried.score > best.score && better.as_ref().is_none_or(|b: &Fitted| tried.score > b.score)
                 {
                     better = Some(tried);
                 }

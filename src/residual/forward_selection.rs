@@ -1,9 +1,7 @@
 //! Forward selection: the likeliest effect is added, then all is asked again beside it.
 
 use super::Kind;
-use super::decide::{
-    Decided, NEAR, arx, decide, decide_base, decide_near, decide_quick, refine, retime, scored,
-};
+use super::fit::{Fitted, NEAR, arx, fit_anew, fit_base, fit_near, fit_quick, refine, retime, scored};
 use super::hypotheses::ALL;
 use super::hypothesis::Hypothesis;
 use super::posterior::{Table, class};
@@ -35,30 +33,30 @@ pub struct Comparison<'a> {
     data: &'a IdData,
     count: usize,
     /// The hypotheses.
-    pub decided: Vec<Decided>,
+    pub fitted: Vec<Fitted>,
     /// A kind that is known to be there: it is searched more thoroughly.
     told: Option<Kind>,
 }
 
 impl Comparison<'_> {
     /// The kind of a hypothesis' effect beyond those that all share.
-    fn kind(&self, decided: &Decided) -> Option<Kind> {
-        decided.kind().filter(|_| decided.hypothesis.effects.len() > self.count)
+    fn kind(&self, fitted: &Fitted) -> Option<Kind> {
+        fitted.kind().filter(|_| fitted.hypothesis.effects.len() > self.count)
     }
 
-    fn best(&self, kind: Option<Kind>, of_class: impl Fn(usize) -> bool) -> Option<&Decided> {
-        let own = self.decided.iter().filter(|d| self.kind(d) == kind && of_class(class(&d.hypothesis)));
+    fn best(&self, kind: Option<Kind>, of_class: impl Fn(usize) -> bool) -> Option<&Fitted> {
+        let own = self.fitted.iter().filter(|d| self.kind(d) == kind && of_class(class(&d.hypothesis)));
         own.max_by(|a, b| a.score.total_cmp(&b.score))
     }
 
     /// The kinds that lead, the best first, none always among them.
     fn leading(&self) -> Vec<Option<Kind>> {
         let mut kinds: Vec<(Option<Kind>, f64)> = Vec::new();
-        for decided in &self.decided {
-            let kind = self.kind(decided);
+        for fitted in &self.fitted {
+            let kind = self.kind(fitted);
             match kinds.iter_mut().find(|k| k.0 == kind) {
-                Some(known) => known.1 = known.1.max(decided.score),
-                None => kinds.push((kind, decided.score)),
+                Some(known) => known.1 = known.1.max(fitted.score),
+                None => kinds.push((kind, fitted.score)),
             }
         }
         kinds.sort_by(|a, b| b.1.total_cmp(&a.1));
@@ -69,8 +67,8 @@ impl Comparison<'_> {
 
     /// Screens every kind beside no friction and the best valves, and fits what promises most.
     fn propose(&mut self) {
-        let bases: Vec<Decided> =
-            self.decided.iter().take(1 + if self.told.is_some() { 8 } else { SCREENED }).cloned().collect();
+        let bases: Vec<Fitted> =
+            self.fitted.iter().take(1 + if self.told.is_some() { 8 } else { SCREENED }).cloned().collect();
         let mut proposed = Vec::new();
         for (at, base) in bases.iter().enumerate() {
             let mut screen = Screen::new(self.data, base);
@@ -87,7 +85,7 @@ impl Comparison<'_> {
         }
         proposed.sort_by(|a, b| b.0.total_cmp(&a.0));
         let mut taken: Vec<((Kind, bool), f64)> = Vec::new();
-        let mut begun: Vec<((Kind, bool), usize, Decided)> = Vec::new();
+        let mut begun: Vec<((Kind, bool), usize, Fitted)> = Vec::new();
         for (promised, at, kind, hypothesis) in proposed {
             let key = (kind, hypothesis.valve.is_some());
             let of_kind: Vec<f64> =
@@ -97,29 +95,29 @@ impl Comparison<'_> {
             let enough = of_kind.first().map_or(f64::NEG_INFINITY, |first| first - REACH);
             if of_kind.len() < if told { 60 } else { FITTED } && (told || promised >= enough) {
                 taken.push((key, promised));
-                begun.push((key, at, decide_near(self.data, hypothesis, &bases[at].model, BEGUN)));
+                begun.push((key, at, fit_near(self.data, hypothesis, &bases[at].model, BEGUN)));
             }
         }
         // The best of each kind goes on.
         begun.sort_by(|a, b| b.2.score.total_cmp(&a.2.score));
-        let most = self.decided.iter().chain(begun.iter().map(|begun| &begun.2)).map(|d| d.score);
+        let most = self.fitted.iter().chain(begun.iter().map(|begun| &begun.2)).map(|d| d.score);
         let enough = most.fold(f64::NEG_INFINITY, f64::max) - 2.0 * REACH;
         let mut gone_on: Vec<(Kind, bool)> = Vec::new();
-        for (key, at, decided) in begun {
+        for (key, at, fitted) in begun {
             let told = self.told == Some(key.0);
             let before = gone_on.iter().filter(|other| **other == key).count();
-            if told || before < GO_ON && decided.score >= enough {
+            if told || before < GO_ON && fitted.score >= enough {
                 gone_on.push(key);
-                self.decided.push(decide_quick(self.data, decided.hypothesis, &bases[at].model));
+                self.fitted.push(fit_quick(self.data, fitted.hypothesis, &bases[at].model));
             } else {
-                self.decided.push(decided);
+                self.fitted.push(fitted);
             }
         }
     }
 
     /// The best of each leading kind with a change at a time, with friction and without.
-    fn timed(&self) -> Vec<Decided> {
-        let timed = |d: &&Decided| d.hypothesis.effects.last().is_some_and(|effect| effect.at().is_some());
+    fn timed(&self) -> Vec<Fitted> {
+        let timed = |d: &&Fitted| d.hypothesis.effects.last().is_some_and(|effect| effect.at().is_some());
         let each = |kind| [false, true].map(|friction| self.best(kind, |class| (class > 0) == friction));
         let leading = self.leading().into_iter().filter(Option::is_some);
         leading.flat_map(each).flatten().filter(timed).cloned().collect()
@@ -127,13 +125,13 @@ impl Comparison<'_> {
 
     /// Moves changes to their best times.
     fn retime(&mut self) {
-        let moved: Vec<Decided> = self.timed().into_iter().map(|best| retime(self.data, best)).collect();
-        self.decided.extend(moved);
+        let moved: Vec<Fitted> = self.timed().into_iter().map(|best| retime(self.data, best)).collect();
+        self.fitted.extend(moved);
     }
 
     /// Offers the time of every change to the others: of a stem's to a load's a delay later, and back.
     fn offer_times(&mut self) {
-        let at = |d: &Decided| d.hypothesis.effects.last().and_then(|effect| effect.at());
+        let at = |d: &Fitted| d.hypothesis.effects.last().and_then(|effect| effect.at());
         let found = self.timed();
         for own in &found {
             let mut others = own.hypothesis.clone();
@@ -145,12 +143,11 @@ impl Comparison<'_> {
             times.sort_unstable();
             times.dedup();
             let offered = times.into_iter().flat_map(|time| last.moved(time).variants());
-            let mut begun: Vec<Decided> = offered
-                .map(|effect| decide_near(self.data, others.with(effect), &own.model, BEGUN))
-                .collect();
+            let mut begun: Vec<Fitted> =
+                offered.map(|effect| fit_near(self.data, others.with(effect), &own.model, BEGUN)).collect();
             begun.sort_by(|a, b| b.score.total_cmp(&a.score));
             let best = begun.into_iter().take(OFFERED);
-            self.decided.extend(best.map(|d| decide_near(self.data, d.hypothesis, &d.model, NEAR)));
+            self.fitted.extend(best.map(|d| fit_near(self.data, d.hypothesis, &d.model, NEAR)));
         }
     }
 
@@ -160,11 +157,13 @@ impl Comparison<'_> {
         for own in self.timed() {
             let mut other = own.hypothesis.clone();
             let special = other.effects.pop().and_then(|last| last.special_case());
-            offered.extend(special.map(|effect| {
-                retime(self.data, decide_near(self.data, other.with(effect), &own.model, NEAR))
-            }));
+            offered.extend(
+                special.map(|effect| {
+                    retime(self.data, fit_near(self.data, other.with(effect), &own.model, NEAR))
+                }),
+            );
         }
-        self.decided.extend(offered);
+        self.fitted.extend(offered);
     }
 
     /// Offers the effects that explain something beside friction to the hypothesis without friction, and back.
@@ -178,8 +177,7 @@ impl Comparison<'_> {
             let effects = all.filter(|found| found.score > least).filter_map(|f| f.hypothesis.effects.last());
             let hypotheses: Vec<Hypothesis> =
                 effects.map(|effect| other.hypothesis.with(effect.boxed())).collect();
-            self.decided
-                .extend(hypotheses.into_iter().map(|h| decide_near(self.data, h, &other.model, NEAR)));
+            self.fitted.extend(hypotheses.into_iter().map(|h| fit_near(self.data, h, &other.model, NEAR)));
         }
     }
 
@@ -194,7 +192,7 @@ impl Comparison<'_> {
             add(pool, found.iter().map(|found| found.valve));
             for found in found.iter().take(2) {
                 let hypothesis = best.hypothesis.with_valve(Some(found.valve));
-                self.decided.push(decide_quick(self.data, hypothesis, &best.model));
+                self.fitted.push(fit_quick(self.data, hypothesis, &best.model));
             }
         }
     }
@@ -214,7 +212,7 @@ impl Comparison<'_> {
             };
             let others = pool.iter().filter(|valve| Some(**valve) != best.hypothesis.valve).map(rate);
             let other = others.max_by(|a, b| a.0.total_cmp(&b.0));
-            self.decided.extend(other.map(|(_, other)| decide_quick(self.data, other, &best.model)));
+            self.fitted.extend(other.map(|(_, other)| fit_quick(self.data, other, &best.model)));
         }
     }
 
@@ -222,28 +220,28 @@ impl Comparison<'_> {
     /// best dynamics that any of them has, with friction and without.
     fn settle(&mut self) {
         let of_class = |of: usize| {
-            let own = self.decided.iter().filter(|d| class(&d.hypothesis) == of);
+            let own = self.fitted.iter().filter(|d| class(&d.hypothesis) == of);
             own.max_by(|a, b| a.score.total_cmp(&b.score)).map(|d| d.model.clone())
         };
         let leaders: Vec<Armax> = (0..3).filter_map(of_class).collect();
         let mut settled = Vec::new();
-        let most = self.decided.iter().map(|d| d.score).fold(f64::NEG_INFINITY, f64::max);
+        let most = self.fitted.iter().map(|d| d.score).fold(f64::NEG_INFINITY, f64::max);
         for kind in self.leading() {
             for of in 0..3 {
                 let Some(best) = self.best(kind, |class| class == of).filter(|d| d.score > most - CLOSE)
                 else {
                     continue;
                 };
-                let anew = decide(self.data, best.hypothesis.clone(), None);
+                let anew = fit_anew(self.data, best.hypothesis.clone(), None);
                 let offered =
-                    leaders.iter().map(|model| decide_near(self.data, best.hypothesis.clone(), model, NEAR));
+                    leaders.iter().map(|model| fit_near(self.data, best.hypothesis.clone(), model, NEAR));
                 let best = offered.fold(if anew.score > best.score { anew } else { best.clone() }, |a, b| {
                     if b.score > a.score { b } else { a }
                 });
                 settled.push(if kind.is_some() { refine(self.data, best) } else { best });
             }
         }
-        self.decided.extend(settled);
+        self.fitted.extend(settled);
     }
 }
 
@@ -257,13 +255,13 @@ pub fn compare(
     valves: &[Found],
     pool: &mut Vec<ValveModel>,
     told: Option<Kind>,
-) -> Vec<Decided> {
+) -> Vec<Fitted> {
     add(pool, valves.iter().map(|found| found.valve));
-    let mut decided = vec![decide_base(data, effects.with_valve(None))];
-    decided.extend(
-        valves.iter().map(|found| decide(data, effects.with_valve(Some(found.valve)), Some(&found.fit))),
+    let mut fitted = vec![fit_base(data, effects.with_valve(None))];
+    fitted.extend(
+        valves.iter().map(|found| fit_anew(data, effects.with_valve(Some(found.valve)), Some(&found.fit))),
     );
-    let mut comparison = Comparison { data, count: effects.effects.len(), decided, told };
+    let mut comparison = Comparison { data, count: effects.effects.len(), fitted, told };
     comparison.propose();
     comparison.retime();
     comparison.offer_effects();
@@ -273,7 +271,7 @@ pub fn compare(
     comparison.offer_special_cases();
     comparison.settle();
     comparison.offer_times();
-    comparison.decided
+    comparison.fitted
 }
 
 /// Adds valves that are new.
@@ -291,6 +289,6 @@ fn add(pool: &mut Vec<ValveModel>, valves: impl Iterator<Item = ValveModel>) {
 }
 
 /// The posterior of the next effect.
-pub fn table<'a>(decided: &'a [Decided], effects: &Hypothesis) -> Table<'a> {
-    Table::new(decided, effects.effects.len(), ALL.len())
+pub fn table<'a>(fitted: &'a [Fitted], effects: &Hypothesis) -> Table<'a> {
+    Table::new(fitted, effects.effects.len(), ALL.len())
 }

@@ -1,7 +1,7 @@
 //! A model on the samples that nothing was fitted to: they are the last of the window, so what changed must stay changed there,
 //! and what goes on must go on.
 
-use super::decide::{Decided, decide};
+use super::fit::{Fitted, fit_anew};
 use super::hypothesis::OnData;
 use crate::diagnosis::Residual;
 use crate::sysid::armax::{Errors, Input, ORDER};
@@ -19,20 +19,26 @@ pub struct Judged {
     pub residual: Residual,
     /// Log-likelihood of each held-out sample.
     log_likelihoods: Vec<f64>,
-    /// Its errors one step ahead.
+    /// Its errors one step ahead, behind a hole in their own standard deviation.
     pub e: Vec<f64>,
+    /// The same as differences of PV.
+    pub one_step: Vec<f64>,
     /// Its free run.
     pub free: Vec<f64>,
 }
 
 /// Judges a model on the held-out samples that count in `counted`.
-pub fn judge(data: &IdData, decided: &Decided, counted: &IdData) -> Judged {
-    let input = OnData { hypothesis: &decided.hypothesis, data };
-    let signals = input.signals(&decided.model.theta);
-    let Errors { e, gains, .. } = decided.model.errors(data, &data.y, &signals, data.len());
+pub fn judge(data: &IdData, fitted: &Fitted, counted: &IdData) -> Judged {
+    let input = OnData { hypothesis: &fitted.hypothesis, data };
+    let signals = input.signals(&fitted.model.theta);
+    let Errors { e, gains, .. } = fitted.model.errors(data, &data.y, &signals, data.len());
     let held = data.split..data.len();
     let stretch = held.len().div_ceil(STRETCHES).max(1);
-    let free = free_run(data, decided, &e, data.split, stretch);
+    // Without holes there are no gains: an error is its own likeliest value, and its standard deviation 1.
+    let past = if gains.likeliest.is_empty() { &e } else { &gains.likeliest };
+    let free = free_run(data, fitted, past, data.split, stretch);
+    let root = |k: usize| gains.root.get(k).copied().unwrap_or(1.0);
+    let one_step: Vec<f64> = e.iter().enumerate().map(|(k, e)| e * root(k)).collect();
     let rms = |error: &dyn Fn(usize) -> f64| {
         let sum: f64 = held.clone().map(|k| counted.weight[k] * error(k).powi(2)).sum();
         let count: f64 = counted.weight[held.clone()].iter().sum();
@@ -41,12 +47,12 @@ pub fn judge(data: &IdData, decided: &Decided, counted: &IdData) -> Judged {
     let kept: Vec<f64> = (data.first..data.len()).filter(|&k| data.weight[k] > 0.0).map(|k| e[k]).collect();
     let residual = Residual {
         white: is_white(&kept, 2 * ORDER),
-        one_step_rmse: rms(&|k| e[k]),
+        one_step_rmse: rms(&|k| one_step[k]),
         free_run_rmse: rms(&|k| free[k] - data.y[k]),
     };
-    let model = &decided.model;
+    let model = &fitted.model;
     let each = |k: usize| {
-        let lost = gains.root.get(k).map_or(0.0, |root| counted.weight[k] * root.ln());
+        let lost = counted.weight[k] * root(k).ln();
         student::log_likelihood(&e[k..=k], &counted.weight[k..=k], model.scale, model.nu) - lost
     };
     let log_likelihoods = held.map(each).collect();
@@ -54,7 +60,8 @@ pub fn judge(data: &IdData, decided: &Decided, counted: &IdData) -> Judged {
         residual,
         log_likelihoods,
         e,
-        free: free_run(data, decided, &vec![0.0; data.len()], data.first, stretch),
+        one_step,
+        free: free_run(data, fitted, &vec![0.0; data.len()], data.first, stretch),
     }
 }
 
@@ -65,8 +72,8 @@ const RUNS: usize = 50;
 const SAME: f64 = 1e-6;
 
 /// A model run free from sample `from` on, with errors `e` before it, anew every `stretch` samples.
-fn free_run(data: &IdData, decided: &Decided, e: &[f64], from: usize, stretch: usize) -> Vec<f64> {
-    let Decided { model, hypothesis, .. } = decided;
+fn free_run(data: &IdData, fitted: &Fitted, e: &[f64], from: usize, stretch: usize) -> Vec<f64> {
+    let Fitted { model, hypothesis, .. } = fitted;
     let run = |data: &IdData, of: &IdData| {
         let signals = OnData { hypothesis, data: of }.signals(&model.theta);
         simulate(model, data, &signals, e, from, stretch)
@@ -97,8 +104,8 @@ pub fn gained(before: &Judged, after: &Judged) -> f64 {
 
 /// The model without the effect at `at`, fitted, and by how many standard deviations the held-out samples speak for the model with
 /// it, which is judged already.
-pub fn without(data: &IdData, best: &Decided, with: &Judged, at: usize) -> (Decided, f64) {
-    let without = decide(data, best.hypothesis.without(at), None);
+pub fn without(data: &IdData, best: &Fitted, with: &Judged, at: usize) -> (Fitted, f64) {
+    let without = fit_anew(data, best.hypothesis.without(at), None);
     let held_out = gained(&judge(data, &without, data), with);
     (without, held_out)
 }
@@ -123,8 +130,8 @@ mod tests {
         let window = Window { t0: 0.0, ts: 1.0, op, pv, ..Window::default() };
         let mut data = IdData::new(&window, Start { index: 0, is_max: true }).expect("long enough");
         let bent = Hypothesis::default().with(again(&data, 0.1).expect("a gain"));
-        let decided = decide(&data, bent, None);
-        let run = |data: &IdData| free_run(data, &decided, &vec![0.0; data.len()], data.split, data.len());
+        let fitted = fit_anew(&data, bent, None);
+        let run = |data: &IdData| free_run(data, &fitted, &vec![0.0; data.len()], data.split, data.len());
         let before = run(&data);
         let from = data.split + 1;
         data.y[from..].iter_mut().for_each(|y| *y += 2.0);

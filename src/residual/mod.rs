@@ -7,18 +7,18 @@
 //!
 //! x is the stem of the valve driven by OP, g and K what valve and process do to it (a stop, a curve, a change of gain or
 //! delay) and phi the shapes of loads. Friction and effects compete by one criterion ([`crate::sysid::criterion`]).
-//! Everything is fitted on the first 80 % of the window; the last 20 % is read once, for the errors before and after, and for
-//! what it says against an effect.
+//! Everything is fitted on the first 80 % of the window; the last 20 % is read only once a selection has ended, to
+//! reject effects and for the errors before and after.
 //! Pure: the same window gives the same findings.
 
 mod backward_elimination;
 mod checks;
 mod confirm;
 pub mod data_quality;
-pub mod decide;
 mod detectable;
 pub mod effect;
 mod findings;
+pub mod fit;
 pub mod forward_selection;
 mod held_out;
 pub mod hypotheses;

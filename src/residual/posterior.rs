@@ -9,8 +9,8 @@
 //! What is published of an effect is therefore how often one with the same [`Evidence`] is there.
 
 use super::Kind;
-use super::decide::Decided;
 use super::findings::Evidence;
+use super::fit::Fitted;
 use super::hypotheses::ALL;
 use super::hypothesis::Hypothesis;
 use crate::sysid::criterion::log_sum;
@@ -40,7 +40,7 @@ const OTHERS: [[u16; 2]; 3] = [[16, 25], [129, 130], [129, 130]];
 /// The same of a gain that depends on PV or OP, unlikely and likely; counted on generator D as well, because loads that swing
 /// imitate it. Samples that say nothing count with those against it where it is unlikely, else with those for it.
 const BENDS: [[[u16; 2]; 3]; 2] = [[[18, 52], [18, 52], [19, 27]], [[13, 18], [92, 113], [92, 113]]];
-/// The same of a valve's stop, beside friction and without, however likely; counted on generator D as well. A stem that sticks
+/// The same of a valve's stop, without friction, then beside it, however likely; counted on generator D as well. A stem that sticks
 /// stands still as one at its stop does, and where friction is not quite that of the model a stop explains the rest.
 const STOPS: [[[u16; 2]; 3]; 2] = [[[0, 1], [13, 14], [13, 14]], [[17, 53]; 3]];
 /// The same of slip jumps, unlikely and likely: held-out samples hardly tell one J from another.
@@ -55,9 +55,10 @@ impl Evidence {
         }
         let likely = self.log_odds >= LIKELY;
         let said = match self.held_out {
-            z if z < -SPEAKS => 0,
-            z if z < SPEAKS => 1,
-            _ => 2,
+            z if z >= SPEAKS => 2,
+            z if z >= -SPEAKS => 1,
+            // What cannot be compared speaks against the effect, too.
+            _ => 0,
         };
         let [there, of] = match kind {
             Kind::SlipJump => SLIP_JUMPS[usize::from(likely)],
@@ -79,27 +80,27 @@ pub fn class(hypothesis: &Hypothesis) -> usize {
 /// Hypotheses with their logarithms of prior times evidence.
 #[derive(Debug)]
 pub struct Table<'a> {
-    rows: Vec<(&'a Decided, Option<Kind>, f64)>,
+    rows: Vec<(&'a Fitted, Option<Kind>, f64)>,
 }
 
 impl<'a> Table<'a> {
     /// Of hypotheses that end in at most one effect more than the `count` that all share; `asked`: n, how many hypotheses were asked (two of them
     /// may be of one kind).
-    pub fn new(decided: &'a [Decided], count: usize, asked: usize) -> Self {
+    pub fn new(fitted: &'a [Fitted], count: usize, asked: usize) -> Self {
         let prior = -(2.0 * asked.max(1) as f64).ln();
-        let mut rows: Vec<(&Decided, Option<Kind>, f64)> = Vec::new();
-        for decided in decided.iter().filter(|decided| decided.score.is_finite()) {
-            let kind = decided.kind().filter(|_| decided.hypothesis.effects.len() > count);
-            let log = decided.score + if kind.is_some() { prior } else { -(2.0f64).ln() };
-            let class = class(&decided.hypothesis);
-            let same = |row: &&mut (&Decided, Option<Kind>, f64)| {
+        let mut rows: Vec<(&Fitted, Option<Kind>, f64)> = Vec::new();
+        for fitted in fitted.iter().filter(|fitted| fitted.score.is_finite()) {
+            let kind = fitted.kind().filter(|_| fitted.hypothesis.effects.len() > count);
+            let log = fitted.score + if kind.is_some() { prior } else { -(2.0f64).ln() };
+            let class = class(&fitted.hypothesis);
+            let same = |row: &&mut (&Fitted, Option<Kind>, f64)| {
                 row.1 == kind && self::class(&row.0.hypothesis) == class
             };
             // Parameters are integrated by their rates: of hypotheses that differ in those alone the best stands for all.
             match rows.iter_mut().find(same) {
-                Some(row) if row.2 < log => *row = (decided, kind, log),
+                Some(row) if row.2 < log => *row = (fitted, kind, log),
                 Some(_) => {}
-                None => rows.push((decided, kind, log)),
+                None => rows.push((fitted, kind, log)),
             }
         }
         Self { rows }
@@ -111,7 +112,7 @@ impl<'a> Table<'a> {
         Self { rows: left.copied().collect() }
     }
 
-    fn log(&self, which: impl Fn(&Decided, Option<Kind>) -> bool) -> f64 {
+    fn log(&self, which: impl Fn(&Fitted, Option<Kind>) -> bool) -> f64 {
         let logs: Vec<f64> =
             self.rows.iter().filter(|(d, kind, _)| which(d, *kind)).map(|row| row.2).collect();
         log_sum(logs.iter().copied())
@@ -135,26 +136,22 @@ impl<'a> Table<'a> {
     }
 
     /// The hypotheses that stand for their kinds.
-    pub fn decided(&self) -> impl Iterator<Item = &'a Decided> {
+    pub fn fitted(&self) -> impl Iterator<Item = &'a Fitted> {
         self.rows.iter().map(|row| row.0)
     }
 
     /// The logarithm of the odds for a property of hypotheses.
-    pub fn log_odds(&self, which: impl Fn(&Decided) -> bool) -> f64 {
+    pub fn log_odds(&self, which: impl Fn(&Fitted) -> bool) -> f64 {
         self.log(|d, _| which(d)) - self.log(|d, _| !which(d))
     }
 
     /// The same among the hypotheses with another property.
-    pub fn log_odds_within(
-        &self,
-        within: impl Fn(&Decided) -> bool,
-        which: impl Fn(&Decided) -> bool,
-    ) -> f64 {
+    pub fn log_odds_within(&self, within: impl Fn(&Fitted) -> bool, which: impl Fn(&Fitted) -> bool) -> f64 {
         self.log(|d, _| within(d) && which(d)) - self.log(|d, _| within(d) && !which(d))
     }
 
     /// The best hypothesis of a kind.
-    pub fn best(&self, kind: Option<Kind>) -> Option<&'a Decided> {
+    pub fn best(&self, kind: Option<Kind>) -> Option<&'a Fitted> {
         let own = self.rows.iter().filter(|row| row.1 == kind);
         own.max_by(|a, b| a.2.total_cmp(&b.2)).map(|row| row.0)
     }

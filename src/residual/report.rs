@@ -3,10 +3,10 @@
 use super::Settings;
 use super::checks;
 use super::data_quality::Fact;
-use super::decide::{Decided, decide};
 use super::detectable::detectable;
 use super::effect::EffectModel;
 use super::findings::{Curves, Effect, Evidence, Findings, Kind, Lasting, Parameter, Structure};
+use super::fit::{Fitted, fit_anew};
 use super::held_out::{Judged, gained, judge};
 use super::hypothesis::{Hypothesis, direct_lags};
 use super::response::follows;
@@ -83,7 +83,7 @@ pub fn of_wave(data: &IdData, model: &Armax, w: f64) -> [f64; 2] {
     [a * data.units.y, b * data.units.u]
 }
 
-/// Puts what was found into the plant's units; the held-out samples are read here, once.
+/// Puts what was found into the plant's units; the held-out samples give the errors before and after.
 pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> Findings {
     let Outcome {
         recorded,
@@ -101,7 +101,10 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
         best = without_direct(&mut data, best);
     }
     let (before, mut after) = (judge(&recorded, &declared, &data), judge(&data, &best, &data));
-    let agrees = gained(&before, &after) >= 0.0;
+    // Two models are compared on one PV: where PV was repaired, the declared one is fitted to it as well.
+    let declared_there =
+        (!facts.is_empty()).then(|| judge(&data, &fit_anew(&data, declared.hypothesis.clone(), None), &data));
+    let agrees = gained(declared_there.as_ref().unwrap_or(&before), &after) >= 0.0;
     let question = Question { data: &data, best: &best, log_odds: friction, diagnosis, settings };
     let mut answer = question.answer(agrees, || follows(&recorded, &declared));
     let valve = if answer.by_tracing { best.hypothesis.valve } else { declared.hypothesis.valve };
@@ -153,15 +156,15 @@ fn curves([recorded, data]: [&IdData; 2], [before, after]: [&Judged; 2]) -> Curv
         pv: unit(&recorded.y, recorded),
         free_before: unit(&before.free, recorded),
         free_after: unit(&after.free, data),
-        residual_before: scaled(&before.e),
-        residual_after: scaled(&after.e),
+        residual_before: scaled(&before.one_step),
+        residual_after: scaled(&after.one_step),
     }
 }
 
 /// What is named: facts of the samples, the effects of the model with what `added` them, and the slip jump where it is told.
 fn effects(
     data: &IdData,
-    best: &Decided,
+    best: &Fitted,
     facts: Vec<Fact>,
     added: Vec<(Evidence, f64)>,
     slip_jump: Option<Evidence>,
@@ -218,12 +221,12 @@ fn structure(data: &IdData, hypothesis: &Hypothesis, facts: &[Fact]) -> Option<S
 }
 
 /// The same where OP is the stem and needs no term beside it.
-fn without_direct(data: &mut IdData, best: Decided) -> Decided {
+fn without_direct(data: &mut IdData, best: Fitted) -> Fitted {
     if !data.direct {
         return best;
     }
     data.direct = false;
-    decide(data, best.hypothesis, None)
+    fit_anew(data, best.hypothesis, None)
 }
 
 /// The same effects with this valve, fitted; without one those go that say how friction differs.
@@ -232,7 +235,7 @@ fn with_friction(
     hypothesis: &Hypothesis,
     valve: Option<ValveModel>,
     added: &mut Vec<(Evidence, f64)>,
-) -> Decided {
+) -> Fitted {
     let mut other = hypothesis.with_valve(valve);
     let told = std::mem::take(&mut other.effects).into_iter().zip(added.drain(..));
     let beside_friction = valve.is_some();
@@ -243,7 +246,7 @@ fn with_friction(
         (beside_friction || !effect.kind().is_of_friction()) && evidence.posterior(effect.kind()) > 0.5
     };
     (other.effects, *added) = anew.filter(|(effect, (told, _))| stays(effect.as_ref(), told)).unzip();
-    decide(data, other, None)
+    fit_anew(data, other, None)
 }
 
 fn named(

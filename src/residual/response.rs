@@ -1,8 +1,8 @@
 //! Whether PV answers as a hypothesis of the valve says, asked with OP beside it (see [`crate::sysid::encompass`]).
 
 use super::Kind;
-use super::decide::{Decided, has_positive_feedback};
 use super::findings::Evidence;
+use super::fit::{Fitted, has_positive_feedback};
 use super::hypothesis::Hypothesis;
 use crate::sysid::encompass::{Encompassing, Response};
 use crate::sysid::iddata::{IdData, LONGEST_LAG};
@@ -10,7 +10,7 @@ use crate::sysid::valve::ValveModel;
 
 /// Whether PV is seen to follow the stem beside the effects, and does not move against it beside OP. The stem is that of the
 /// one-parameter valve with the same f, whatever its J. Where nothing can be asked, it counts as followed.
-pub fn follows(data: &IdData, best: &Decided) -> bool {
+pub fn follows(data: &IdData, best: &Fitted) -> bool {
     if has_positive_feedback(data, &best.model) {
         return false;
     }
@@ -61,7 +61,7 @@ fn encompassing(
 mod tests {
     use super::*;
     use crate::residual::Lasting;
-    use crate::residual::decide::decide;
+    use crate::residual::fit::fit_anew;
     use crate::residual::hypotheses::again;
     use crate::signal::Window;
     use crate::sysid::valve::Start;
@@ -85,10 +85,10 @@ mod tests {
         IdData::new(&window, Start { index: 0, is_max: true }).expect("long enough")
     }
 
-    fn sticking(data: &IdData, s: f64) -> Decided {
+    fn sticking(data: &IdData, s: f64) -> Fitted {
         let s = s / data.units.u;
         let valve = ValveModel { s, j: s, ..ValveModel::default() };
-        decide(data, Hypothesis { valve: Some(valve), effects: Vec::new() }, None)
+        fit_anew(data, Hypothesis { valve: Some(valve), effects: Vec::new() }, None)
     }
 
     #[test]

@@ -10,7 +10,7 @@
 //!
 //! Source: Rao's score test; Basseville & Nikiforov, Detection of Abrupt Changes, 1993, section 7.2.
 
-use super::decide::Decided;
+use super::fit::Fitted;
 use super::hypothesis::{Hypothesis, OnData};
 use crate::sysid::armax::{Gradient, ORDER, Signals, filtered};
 use crate::sysid::arx::{Arx, LAGS_Y};
@@ -42,7 +42,7 @@ pub struct Screen<'a> {
     /// The data.
     pub data: &'a IdData,
     /// What is fitted.
-    pub base: &'a Decided,
+    pub base: &'a Fitted,
     /// Its signals.
     pub signals: Signals,
     /// In the high-order ARX.
@@ -167,7 +167,7 @@ impl ScoreTest {
 
 impl<'a> Screen<'a> {
     /// Of a fitted hypothesis.
-    pub fn new(data: &'a IdData, base: &'a Decided) -> Self {
+    pub fn new(data: &'a IdData, base: &'a Fitted) -> Self {
         let input = OnData { hypothesis: &base.hypothesis, data };
         let Gradient { columns, omega, errors, signals } = Gradient::new(data, &data.y, &base.model, &input);
         let of: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();

@@ -2,8 +2,8 @@
 
 use super::backward_elimination::eliminate;
 use super::data_quality::{Fact, assess};
-use super::decide::{Decided, arx, decide, scored};
 use super::findings::{Evidence, Findings, Kind, Stem};
+use super::fit::{Fitted, arx, fit_anew, scored};
 use super::forward_selection::{compare, table};
 use super::held_out::{judge, without};
 use super::hypothesis::Hypothesis;
@@ -27,9 +27,9 @@ pub struct Outcome {
     /// The window with wrong samples repaired.
     pub data: IdData,
     /// The declared model on the window as it was recorded.
-    pub declared: Decided,
+    pub declared: Fitted,
     /// The likeliest hypothesis.
-    pub best: Decided,
+    pub best: Fitted,
     /// What the signals alone show.
     pub facts: Vec<Fact>,
     /// What speaks for each effect of the likeliest hypothesis, and twice the log odds against none.
@@ -100,7 +100,7 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings, closed
     if found.is_empty() && diagnosis.verdict == Verdict::Stiction {
         return None;
     }
-    let declared = decide(&recorded, Hypothesis { valve, effects: Vec::new() }, None);
+    let declared = fit_anew(&recorded, Hypothesis { valve, effects: Vec::new() }, None);
     let (selected, rejected) = select_confirmed(&data, settings, found)?;
     let Selected { best, added, candidates, friction, slip_jump } = selected;
     let outcome =
@@ -158,14 +158,14 @@ fn direct(data: &mut IdData, known: &[ValveModel], found: Vec<Found>) -> Vec<Fou
 pub fn first_step(window: &Window, settings: &Settings) -> Vec<Row> {
     let Some(mut data) = iddata(window) else { return Vec::new() };
     let (found, _) = prepare(&mut data, settings);
-    let decided = compare(&data, &Hypothesis::default(), &found, &mut Vec::new(), None);
-    let row = |d: &Decided| Row {
+    let fitted = compare(&data, &Hypothesis::default(), &found, &mut Vec::new(), None);
+    let row = |d: &Fitted| Row {
         kind: d.kind(),
         friction: class(&d.hypothesis),
         log_likelihood: d.model.log_likelihood,
         cost: TEMPERING * d.model.log_likelihood - d.score,
     };
-    table(&decided, &Hypothesis::default()).decided().map(row).collect()
+    table(&fitted, &Hypothesis::default()).fitted().map(row).collect()
 }
 
 /// Places of a stem at the start, from which an informed search begins.
@@ -185,7 +185,7 @@ fn informed(settings: &Settings, unit: f64) -> Vec<ValveModel> {
 
 /// What a selection ends with.
 struct Selected {
-    best: Decided,
+    best: Fitted,
     added: Vec<(Evidence, f64)>,
     candidates: Vec<(Option<Kind>, f64)>,
     friction: f64,
@@ -260,7 +260,7 @@ fn with_rejected(
 /// What speaks for a J of its own among the hypotheses with friction; held-out samples are not asked, because they hardly tell
 /// one J from another.
 pub fn slip_jump(table: &Table<'_>) -> Evidence {
-    let sticks = |d: &Decided| d.hypothesis.valve.is_some();
+    let sticks = |d: &Fitted| d.hypothesis.valve.is_some();
     let log_odds = table.log_odds_within(sticks, |d| class(&d.hypothesis) == 2) + log_prior(1);
     Evidence { log_odds, held_out: 0.0, beside_friction: true }
 }
@@ -277,8 +277,8 @@ fn select(
     let mut steps = 0;
     loop {
         steps += 1;
-        let decided = compare(data, &effects, &found, &mut pool, settings.only);
-        let table = table(&decided, &effects);
+        let fitted = compare(data, &effects, &found, &mut pool, settings.only);
+        let table = table(&fitted, &effects);
         let kinds = table.kinds();
         let (kind, posterior) = *kinds.first()?;
         // Two effects that stand in for each other would take turns without end.
@@ -288,14 +288,14 @@ fn select(
         let next = table.best(kind).filter(|_| addable);
         let none = table.best(None)?;
         let Some(next) = next else {
-            let sticks = |d: &Decided| d.hypothesis.valve.is_some();
+            let sticks = |d: &Fitted| d.hypothesis.valve.is_some();
             // What held-out samples have withdrawn says nothing of the valve either.
             let left = table.without(&rejected.iter().map(|own| own.0).collect::<Vec<_>>());
             return Some(Selected {
                 best: none.clone(),
                 added,
                 candidates: kinds.into_iter().filter(|own| !was_rejected(own.0)).collect(),
-                friction: match decided.iter().any(sticks) {
+                friction: match fitted.iter().any(sticks) {
                     // Where the feedback of all is positive friction is asked, and is not there.
                     true => left.log_odds(sticks).max(f64::MIN),
                     false => f64::NEG_INFINITY,

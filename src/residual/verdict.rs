@@ -4,8 +4,8 @@
 //! stem. Where held-out samples disagree with the effects, the diagnosis without them stands.
 
 use super::Settings;
-use super::decide::{Decided, has_positive_feedback};
 use super::findings::Friction;
+use super::fit::{Fitted, has_positive_feedback};
 use super::interval::interval;
 use super::posterior::probability;
 use super::response::follows;
@@ -21,7 +21,7 @@ pub struct Question<'a> {
     /// The record with its samples put right.
     pub data: &'a IdData,
     /// The best hypothesis.
-    pub best: &'a Decided,
+    pub best: &'a Fitted,
     /// Logarithm of the odds for friction; minus infinity where nothing was asked of it, because the valve reverses too seldom.
     pub log_odds: f64,
     /// The diagnosis without effects.

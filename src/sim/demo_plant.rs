@@ -1,5 +1,5 @@
 //! A small plant of twenty loops with a known truth, for showing and for testing the whole way from a register to a
-//! verdict. Its valves stick as Choudhury's and Kano's do, never as the element that the diagnosis fits.
+//! verdict. Its valves stick as Choudhury's and Kano's do, with two parameters S and J, where the diagnosis fits one.
 
 use super::controller::{ControllerSpec, Mode};
 use super::load::{Load, LoadKind};

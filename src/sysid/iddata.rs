@@ -9,7 +9,7 @@ use crate::signal::{Row, Window, told};
 pub const LONGEST_LAG: usize = 16;
 /// Rows before the first that is fitted: no lag reaches before the start of the stem, whose first samples are guessed.
 const LEAD: usize = 2 * LONGEST_LAG;
-/// Share of the rows that is fitted on; the rest is read once, for the errors that are published.
+/// Share of the rows that is fitted on; the rest is read after a selection has ended, to reject effects and for the published errors.
 pub const FITTED_SHARE: f64 = 0.8;
 /// Fewest rows that are fitted on.
 const LEAST_FITTED: usize = 120;

@@ -20,7 +20,7 @@ pub fn friction(run: &Run) -> Option<Friction> {
     let settings = diagnosis::Settings::default();
     let diagnosis = diagnose(&record, &settings);
     let found = trace_record(&record, &diagnosis, &settings, &residual::Settings::default());
-    let traced = found.as_ref().filter(|found| found.decide());
+    let traced = found.as_ref().filter(|found| found.replaces_diagnosis());
     let verdict = traced.map_or(&diagnosis.verdict, |found| &found.verdict);
     let declared = diagnosis.estimate.as_ref().map(|own| own.delta_aic);
     let delta_aic = traced.map(|found| found.friction_after.delta_aic).or(declared)?;

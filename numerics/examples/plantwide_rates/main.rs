@@ -94,6 +94,8 @@ struct Counts {
     rand: Vec<f64>,
     quiet: (usize, usize),
     first: BTreeMap<&'static str, (usize, usize, usize)>,
+    /// Sources in no group: those that swing nobody else, and the others.
+    outside: BTreeMap<&'static str, (usize, usize)>,
     causes: BTreeMap<(&'static str, &'static str), usize>,
     doubtful: usize,
     loops: usize,
@@ -127,9 +129,17 @@ fn main() {
     );
     println!("loops that nobody can call a victim or none: {} of {}", counts.doubtful, counts.loops);
     println!("no group in a plant without a source: {}", wilson(counts.quiet.0, counts.quiet.1));
-    println!("| source | its group is found | ranked first in it | among the first two |\n|---|---|---|---|");
+    println!(
+        "| source | swings nobody else | its group is missed | found | ranked first in it | among the first two |"
+    );
+    println!("|---|---|---|---|---|---|");
     for (name, (all, right, second)) in &counts.first {
-        println!("| {name} | {all} | {} | {} |", wilson(*right, *all), wilson(*second, *all));
+        let (nobody, missed) = counts.outside.get(name).copied().unwrap_or_default();
+        println!(
+            "| {name} | {nobody} | {missed} | {all} | {} | {} |",
+            wilson(*right, *all),
+            wilson(*second, *all)
+        );
     }
 }
 
@@ -156,13 +166,21 @@ fn count(of: &Plant, shares: &[Vec<f64>], found: &Analysis, signs: bool, counts:
     for (s, (source, at)) in of.sources.iter().enumerate() {
         let victims = shares.iter().filter(|share| share[s] >= VICTIM[1]).count();
         let group = found.loops[*at].group.map(|g| &found.groups[g]);
-        let (Some(group), true) = (group, victims >= 2) else { continue };
-        let place = group.suspects.iter().position(|suspect| suspect.at == *at);
         let name = match source {
             Source::Valve => "valve",
             Source::Tight => "loop",
             _ => "load",
         };
+        let outside = counts.outside.entry(name).or_default();
+        if victims < 2 {
+            outside.0 += 1;
+            continue;
+        }
+        let Some(group) = group else {
+            outside.1 += 1;
+            continue;
+        };
+        let place = group.suspects.iter().position(|suspect| suspect.at == *at);
         let said = found.loops[*at].reason.as_ref().map_or("at rest", |r| r.cause.as_str());
         *counts.causes.entry((name, said)).or_default() += 1;
         let entry = counts.first.entry(name).or_default();

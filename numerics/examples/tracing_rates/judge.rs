@@ -21,7 +21,8 @@ pub struct Judged {
     pub candidates: Vec<(Option<Kind>, f64)>,
     /// Effects that are there beside the one asked for.
     pub also: Vec<Kind>,
-    /// Whether a fit that is told the effect and the true friction finds it likelier than not; asked where it was missed.
+    /// Whether a fit that is told the effect and the true friction names it, among whatever else it names; asked of every effect,
+    /// found or missed.
     pub identifiable: Option<bool>,
     /// Whether the verdict with the effects is stiction.
     pub sticks: bool,
@@ -68,6 +69,17 @@ impl Judged {
             None if self.candidates.first().is_some_and(|c| c.1 <= 0.5) => Naming::Abstained,
             None => Naming::None,
         }
+    }
+
+    /// Whether the effect is among those that are named, first or not.
+    pub fn recalled(&self) -> bool {
+        self.named.iter().any(|named| Some(named.0) == self.case.effect)
+    }
+
+    /// Whether the record counts for a share of what can be found: a fit that is told the effect finds it, or something else was
+    /// named in its place, which is wrong whatever the record holds.
+    pub fn counts(&self) -> bool {
+        self.identifiable == Some(true) || self.naming() == Naming::Wrong
     }
 
     /// What was named beside what is there.
@@ -131,7 +143,7 @@ impl Judged {
     }
 }
 
-/// Diagnoses and traces a case; `told`: a missed one also by a fit that knows the effect.
+/// Diagnoses and traces a case; `told`: one with an effect also by a fit that knows it.
 pub fn judge(generator: &Generator, case: &Case, told: bool) -> Judged {
     let (record, truth) = (generator.record)(case);
     let settings = diagnosis::Settings::default();
@@ -167,17 +179,15 @@ pub fn judge(generator: &Generator, case: &Case, told: bool) -> Judged {
             .zip(truth.load)
             .map(|(told, load)| told / load),
     };
-    if let Some(kind) = case.effect
-        && told
-        && judged.naming() != Naming::Right
-    {
+    if let Some(kind) = case.effect.filter(|_| told) {
         let informed = residual::Settings {
             only: Some(kind),
             friction: Some((truth.f, truth.j.is_finite().then_some(truth.j))),
             ..Default::default()
         };
-        let first = trace(informed).and_then(|t| t.effects.first().cloned());
-        judged.identifiable = Some(first.is_some_and(|e| e.kind == kind));
+        // What the signals alone show stands first, whatever else is found.
+        let found = trace(informed).is_some_and(|t| t.effects.iter().any(|e| e.kind == kind));
+        judged.identifiable = Some(found);
     }
     judged
 }

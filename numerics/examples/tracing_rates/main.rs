@@ -49,7 +49,7 @@ struct Options {
     /// Cases traced at once
     #[arg(long, default_value_t = std::thread::available_parallelism().map_or(1, usize::from))]
     threads: usize,
-    /// Also fit every missed case told its effect and true friction: what no such fit finds is not in the data
+    /// Also fit every case told its effect and true friction: what no such fit finds is not in the data
     #[arg(long)]
     told: bool,
     /// Print every case that is not right
@@ -136,9 +136,9 @@ fn rates(generator: &Generator, options: &Options) {
     let mut all = Vec::new();
     println!("## Generator {}\n", generator.name);
     println!(
-        "| true effect | first named right | of identifiable | none | abstained | wrong first | also invented |"
+        "| true effect | first named right | named at all | of identifiable | none | abstained | wrong first | also invented |"
     );
-    println!("|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|");
     let mut spent = Vec::new();
     for &kind in options.kinds() {
         let found = run(generator, options, &cases(generator, kind, options), &mut spent);
@@ -172,15 +172,24 @@ fn run(generator: &Generator, options: &Options, cases: &[Case], spent: &mut Vec
 fn naming(label: &str, found: &[Judged], told: bool) {
     let count = |naming: Naming| found.iter().filter(|j| j.naming() == naming).count();
     let right = count(Naming::Right);
-    // What a fit that is told the effect does not find is not in the data; what was named right is.
-    let there = found.iter().filter(|j| j.naming() == Naming::Right || j.identifiable == Some(true)).count();
+    let recalled = found.iter().filter(|j| j.recalled()).count();
+    // What a fit that is told the effect does not find is not in the data, found or not; wrong names count all the same.
+    let counted_in: Vec<&Judged> = found.iter().filter(|j| j.counts()).collect();
+    let of_these = counted_in.iter().filter(|j| j.naming() == Naming::Right).count();
     let wrong = found.iter().filter(|j| j.naming() == Naming::Wrong).filter_map(Judged::first);
     let also = found.iter().flat_map(Judged::beside).map(Kind::as_str);
     println!(
-        "| {label} | {right} of {}, {} | {} | {} | {} | {} | {} |",
+        "| {label} | {right} of {}, {} | {recalled} of {}, {} | {} | {} | {} | {} | {} |",
         found.len(),
         wilson(right, found.len()),
-        if told { format!("{right} of {there}, {}", wilson(right, there)) } else { "-".into() },
+        found.len(),
+        wilson(recalled, found.len()),
+        match told {
+            true => {
+                format!("{of_these} of {}, {}", counted_in.len(), wilson(of_these, counted_in.len()))
+            }
+            false => "-".into(),
+        },
         count(Naming::None),
         count(Naming::Abstained),
         counted(wrong.map(Kind::as_str)),

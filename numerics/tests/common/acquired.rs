@@ -106,7 +106,7 @@ pub fn judge(own: &Loop, record: &Record) -> Said {
     let settings = diagnosis::Settings::default();
     let d = diagnose(record, &settings);
     let found = trace_record(record, &d, &settings, &residual::Settings::default());
-    let decides = found.as_ref().filter(|f| f.decide());
+    let decides = found.as_ref().filter(|f| f.replaces_diagnosis());
     let (verdict, reason) = decides.map_or((&d.verdict, &d.reason), |f| (&f.verdict, &f.reason));
     let declared = d.estimate.as_ref().map(|e| (e.f, e.f_ci95, e.delta_aic));
     let friction = decides.map(|f| &f.friction_after).map(|f| (f.f, f.f_ci95, f.delta_aic));

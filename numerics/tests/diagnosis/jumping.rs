@@ -27,12 +27,12 @@ fn a_load_that_jumps_is_seldom_taken_for_friction() {
         let (record, settings) = (simulated(&scenario), Settings::default());
         let declared = diagnose(&record, &settings);
         let traced = trace_record(&record, &declared, &settings, &residual::Settings::default());
-        traced.filter(|found| found.decide()).map_or(declared.verdict, |found| found.verdict)
+        traced.filter(|found| found.replaces_diagnosis()).map_or(declared.verdict, |found| found.verdict)
     });
     let told = found.iter().filter(|verdict| **verdict == Verdict::Stiction).count();
     let not_followed = Verdict::NotIdentifiable(NotIdentifiable::StemNotFollowed);
     let found_out = found.iter().filter(|verdict| **verdict == not_followed).count();
     println!("of {} sound loops {told} are told as sticking, {found_out} are found out", found.len());
-    // Each of those that are found out would be told as sticking.
-    assert!(found_out > told, "{found_out} are found out, {told} told");
+    // Each of those that are found out would be told as sticking. docs/diagnosis.md says 6 and 2.
+    assert!(told <= 3 && found_out >= 4, "{found_out} are found out, {told} told");
 }

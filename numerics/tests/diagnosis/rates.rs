@@ -195,6 +195,8 @@ fn the_interval_of_f_covers_the_truth_as_often_as_it_says() {
         judged.len(),
         100.0 * share(covered, found)
     );
+    // The README says 193 and 181: an interval that covers is worth little where few are given.
+    assert!(found >= 185 && close >= 170, "found {found}, f within 10 % on {close}");
     // The promise of the project; the sampling error of 95 % on 200 seeds is 1.5 %.
     assert!((0.90..=0.99).contains(&share(covered, found)), "{covered} of {found}");
 }

@@ -171,8 +171,10 @@ impl<'a> Equations<'a> {
         let mut moved = self.data.clone();
         (moved.y, moved.weight) = shift.moved(&self.data.y, &self.data.weight);
         let fit = Arx::new(&moved, &moved.y, &[]).fit(&moved.u, None);
-        let scale = fit.scale.max(self.least[1]);
-        fit.e.iter().zip(&moved.weight[moved.rows()]).map(|(e, w)| w * log_density(*e, scale)).collect()
+        let weight = &moved.weight[moved.rows()];
+        // The fit's scale is that of its own degrees of freedom; a density takes the scale of its own.
+        let scale = student::scale(&fit.e, weight, fit.scale, FREEDOM, self.least[1]);
+        fit.e.iter().zip(weight).map(|(e, w)| w * log_density(*e, scale)).collect()
     }
 
     /// The skew that is likeliest in these rows.

@@ -7,6 +7,7 @@ use super::quantised::{OF_PV, quantum};
 use super::{Fact, bridge, is_measured};
 use crate::residual::Kind;
 use crate::residual::report::Described;
+use crate::signal::moment;
 use crate::sysid::iddata::IdData;
 use crate::sysid::stats::{median, range};
 
@@ -46,7 +47,8 @@ fn describe(data: &IdData, runs: &[(usize, usize)]) -> Described {
     let samples = runs.iter().flat_map(|run| run.0..run.1).filter(|k| is_measured(data, *k)).count();
     let since = data.time(runs[0].0 as f64);
     Described::new(format!(
-        "PV stands still for {samples} samples, first from {since:.1} s on, while OP moves"
+        "PV stands still for {samples} samples, first from {} on, while OP moves",
+        moment(since)
     ))
     .with("from_s", since, "s")
     .with("duration_s", samples as f64 * data.units.ts, "s")

@@ -29,7 +29,7 @@ pub struct Gains {
     pub likeliest: Vec<f64>,
 }
 
-/// Lower triangle and diagonal of P by rows, whole.
+/// P, full and symmetric, row by row.
 type Covariance = [[f64; ORDER]; ORDER];
 
 impl Gains {
@@ -89,7 +89,8 @@ impl Armax {
         let (a, c, to) = (self.a, self.c, y.len());
         let steady: [f64; ORDER] = std::array::from_fn(|i| c[i] - a[i]);
         gains.gain.clear();
-        gains.gain.resize(to, c);
+        // Before the recursion starts there are no errors, so that no change passes on.
+        gains.gain.resize(to, [0.0; ORDER]);
         gains.root.clear();
         gains.root.resize(to, 1.0);
         gains.likeliest.clear();

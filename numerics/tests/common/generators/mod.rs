@@ -54,7 +54,7 @@ pub struct Truth {
 /// All generators.
 pub const GENERATORS: [Generator; 3] = [a::A, b::B, c::C];
 
-/// A generator: `record` draws a case, `variants` tells how many there are for an effect.
+/// A generator: `record` draws a case, `variants` tells how many there are for an effect, `before` draws what a loop was before.
 pub struct Generator {
     /// Its letter.
     pub name: &'static str,
@@ -62,4 +62,6 @@ pub struct Generator {
     pub variants: fn(Option<Kind>) -> usize,
     /// Draws a case.
     pub record: fn(&Case) -> (Record, Truth),
+    /// Draws the loop of a case without its effect and with this share of its friction; everything else about it is the case's.
+    pub before: fn(&Case, f64) -> Record,
 }

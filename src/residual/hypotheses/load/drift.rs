@@ -9,6 +9,7 @@ use crate::residual::effect::EffectModel;
 use crate::residual::hypotheses::{Proposal, Propose};
 use crate::residual::report::{Described, in_op, in_pv};
 use crate::residual::screening::Screen;
+use crate::signal::moment;
 use crate::sysid::armax::Armax;
 use crate::sysid::criterion::REGULAR;
 use crate::sysid::iddata::IdData;
@@ -61,7 +62,7 @@ impl EffectModel for Ramp {
         let per_s = gamma.first().copied().unwrap_or(0.0) / (data.len() as f64 * data.units.ts);
         let (in_op, in_pv) = (per_s * in_op(data, model), per_s * in_pv(data, model));
         let from = data.time(self.from.unwrap_or(0) as f64);
-        let since = if self.from.is_some() { format!(" from {from:.1} s on") } else { String::new() };
+        let since = if self.from.is_some() { format!(" from {} on", moment(from)) } else { String::new() };
         Described::new(format!(
             "the load or the sensor drifts{since}, with the effect of {} an hour",
             data.units.along_op(in_op * 3600.0)

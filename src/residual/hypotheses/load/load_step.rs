@@ -8,7 +8,7 @@ use crate::residual::effect::EffectModel;
 use crate::residual::hypotheses::{Proposal, Propose};
 use crate::residual::report::{Described, in_op, in_pv};
 use crate::residual::screening::{Screen, Since, best_times};
-use crate::signal::told;
+use crate::signal::{moment, told};
 use crate::sysid::armax::{Armax, Smooth};
 use crate::sysid::criterion::{REGULAR, THRESHOLD};
 use crate::sysid::iddata::IdData;
@@ -127,11 +127,13 @@ impl EffectModel for Step {
         };
         let said = match self.place {
             Place::Pv => {
-                format!("PV's level shifts at {time:.1} s by {} and stays", told(self.size * data.units.y))
+                let size = told(self.size * data.units.y);
+                format!("PV's level shifts at {} by {size} and stays", moment(time))
             }
             _ => {
                 let worth = data.units.along_op(size);
-                format!("the load changes at {time:.1} s and stays changed, with the effect of {worth}")
+                let at = moment(time);
+                format!("the load changes at {at} and stays changed, with the effect of {worth}")
             }
         };
         let described = Described::new(said).with("time_s", time, "s").with("size_op", size, "OP");

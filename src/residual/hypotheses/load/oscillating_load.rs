@@ -10,7 +10,7 @@ use crate::residual::screening::Screen;
 use crate::residual::{Kind, Lasting};
 use crate::signal::{figures, told};
 use crate::sysid::armax::{Armax, Smooth};
-use crate::sysid::criterion::{FREQUENCY, REGULAR};
+use crate::sysid::criterion::{FREQUENCY, REGULAR, TEMPERING};
 use crate::sysid::iddata::IdData;
 use crate::sysid::spectrum;
 use std::f64::consts::{PI, TAU};
@@ -132,7 +132,8 @@ impl Propose for Oscillating {
             let columns: Vec<Vec<f64>> = shapes.iter().map(|s| screen.rows(s)).collect();
             screen.long.several(&columns).0
         };
-        let cost = |load: &Load| load.rate() * (n as f64).ln();
+        // What a load costs, as a log-likelihood.
+        let cost = |load: &dyn EffectModel| load.rate() * (n as f64).ln() / TEMPERING;
         let mut out = Vec::new();
         for w in lines {
             let mut load = Load { w, lowest: lowest(data), harmonics: HARMONICS[0] };
@@ -158,8 +159,8 @@ impl Propose for Oscillating {
             }
         }
         let mut out = best(out, screen.most(LOADS));
-        let least = FREQUENCY + 2.0 * REGULAR;
-        out.iter_mut().for_each(|proposal| proposal.gain += least * (n as f64).ln());
+        // The gain itself is promised: whoever fits the load charges its cost.
+        out.iter_mut().for_each(|proposal| proposal.gain += cost(proposal.effect.as_ref()));
         out
     }
 }

@@ -9,7 +9,7 @@ use crate::residual::hypotheses::load::load_step::near;
 use crate::residual::hypotheses::{Proposal, Propose, best};
 use crate::residual::report::Described;
 use crate::residual::screening::{Screen, Since, best_times};
-use crate::signal::figures;
+use crate::signal::{figures, moment};
 use crate::sysid::armax::Armax;
 use crate::sysid::criterion::THRESHOLD;
 use crate::sysid::iddata::IdData;
@@ -69,7 +69,8 @@ impl EffectModel for Change {
         let (time, by) = (data.time(self.at as f64), self.by as f64 * data.units.ts);
         let change = if self.shorter { -by } else { by };
         let than = if self.shorter { "sooner" } else { "later" };
-        Described::new(format!("from {time:.1} s on PV answers {} s {than} than before", figures(by)))
+        let (from, late) = (moment(time), figures(by));
+        Described::new(format!("from {from} on PV answers {late} s {than} than before"))
             .with("time_s", time, "s")
             .with("change_s", change, "s")
     }

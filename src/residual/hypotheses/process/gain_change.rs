@@ -13,6 +13,7 @@ use crate::residual::hypotheses::load::load_step::{at_input, near};
 use crate::residual::hypotheses::{Proposal, Propose};
 use crate::residual::report::Described;
 use crate::residual::screening::{Screen, Since, best_times};
+use crate::signal::moment;
 use crate::sysid::armax::{Armax, Smooth};
 use crate::sysid::criterion::{REGULAR, THRESHOLD};
 use crate::sysid::iddata::IdData;
@@ -83,7 +84,8 @@ impl EffectModel for Change {
     fn describe(&self, data: &IdData, _model: &Armax, _gamma: &[f64]) -> Described {
         let (time, ratio) = (data.time(self.at as f64), self.log_ratio.exp());
         Described::new(format!(
-            "from {time:.1} s on the process answers {ratio:.2} times as much to the valve"
+            "from {} on the process answers {ratio:.2} times as much to the valve",
+            moment(time)
         ))
         .with("time_s", time, "s")
         .with("ratio", ratio, "-")

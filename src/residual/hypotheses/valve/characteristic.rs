@@ -63,9 +63,10 @@ impl EffectModel for Curve {
     }
     fn bend(&self, _data: &IdData, _k: usize, x: &mut [f64]) {
         for x in x {
-            let q = self.q * x.clamp(-FARTHEST, FARTHEST);
+            let inside = x.clamp(-FARTHEST, FARTHEST);
+            let q = self.q * inside;
             // The series where the quotient loses its digits.
-            *x = if q.abs() < 1e-4 { *x * (1.0 + 0.5 * q) } else { q.exp_m1() / self.q };
+            *x = if q.abs() < 1e-4 { inside * (1.0 + 0.5 * q) } else { q.exp_m1() / self.q };
         }
     }
     fn lasting(&self, data: &IdData) -> Option<Lasting> {

@@ -9,7 +9,7 @@ use stictiond_numerics::residual::Kind;
 use stictiond_numerics::signal::Record;
 
 /// Generator A.
-pub const A: Generator = Generator { name: "A", variants, record };
+pub const A: Generator = Generator { name: "A", variants, record, before };
 
 /// Friction that differs or drifts needs friction.
 fn needs_friction(effect: Option<Kind>) -> bool {
@@ -20,11 +20,10 @@ fn variants(effect: Option<Kind>) -> usize {
     LOOPS.len() * (VALVES.len() - usize::from(needs_friction(effect)))
 }
 
-fn record(case: &Case) -> (Record, Truth) {
-    let (class, valve) = (case.variant % LOOPS.len(), case.variant / LOOPS.len());
-    let own = plant::Case {
-        class,
-        valve: valve + usize::from(needs_friction(case.effect)),
+fn own(case: &Case) -> plant::Case {
+    plant::Case {
+        class: case.variant % LOOPS.len(),
+        valve: case.variant / LOOPS.len() + usize::from(needs_friction(case.effect)),
         undeclared: case.effect.map_or(Undeclared::Nothing, Undeclared::Listed),
         size: match case.size {
             Size::Small => 0,
@@ -33,9 +32,17 @@ fn record(case: &Case) -> (Record, Truth) {
         },
         seed: case.seed,
         tags: case.tags,
-    };
+    }
+}
+
+fn before(case: &Case, friction: f64) -> Record {
+    plant::before(&own(case), friction)
+}
+
+fn record(case: &Case) -> (Record, Truth) {
+    let own = own(case);
     let (record, truth) = plant::record(&own);
-    let name = format!("{} {}", LOOPS[class], VALVES[own.valve].0);
+    let name = format!("{} {}", LOOPS[own.class], VALVES[own.valve].0);
     // Of the slip jump only that there is one is told.
     let also = if truth.slips { vec![Kind::SlipJump] } else { Vec::new() };
     let j = if truth.slips { f64::NAN } else { 2.0 * truth.f };

@@ -172,10 +172,21 @@ pub struct Truth {
 
 /// A record of the case, and what is true of it.
 pub fn record(case: &Case) -> (Record, Truth) {
+    drawn(case, None)
+}
+
+/// A record of the same loop without what is undeclared, and with this share of its friction.
+pub fn before(case: &Case, friction: f64) -> Record {
+    drawn(case, Some(friction)).0
+}
+
+/// `before`: the share of friction where the loop is as it was, without what is undeclared.
+fn drawn(case: &Case, before: Option<f64>) -> (Record, Truth) {
+    let is = |kind: Kind| before.is_none() && case.is(kind);
     // A level to clip at is taken from the stem of the same loop unclipped: OP of a valve that sticks goes where its stem never is.
-    let clip = case.is(Kind::ValveSaturation).then(|| {
+    let clip = is(Kind::ValveSaturation).then(|| {
         let low = case.number().is_multiple_of(3);
-        let mut stem = run(case, None).0.stem.split_off(WARM);
+        let mut stem = run(case, None, None).0.stem.split_off(WARM);
         stem.sort_by(f64::total_cmp);
         if low {
             stem.reverse();
@@ -185,12 +196,12 @@ pub fn record(case: &Case) -> (Record, Truth) {
         let at = stem[..last].iter().rev().find(|level| **level != stem[last]).copied();
         (at.unwrap_or(stem[last]), low)
     });
-    let (mut t, truth, ts, mut d) = run(case, clip);
+    let (mut t, truth, ts, mut d) = run(case, clip, before);
     let mut total = t.op.len();
-    if case.is(Kind::ClockSkew) && case.seed % 3 == 1 {
+    if is(Kind::ClockSkew) && case.seed % 3 == 1 {
         t.pv = parting(&t.pv, case);
         total = t.pv.len();
-    } else if case.is(Kind::ClockSkew) {
+    } else if is(Kind::ClockSkew) {
         let by = case.pick([3, 5, 9]);
         t.pv = if case.seed.is_multiple_of(2) {
             (0..total).map(|k| t.pv[k.saturating_sub(by)]).collect()
@@ -260,7 +271,7 @@ fn frozen(case: &Case, at: usize, n: usize, k: usize) -> bool {
     (0..runs).map(|run| at + run * n / 20).any(|from| (from..from + length).contains(&k))
 }
 
-fn run(case: &Case, clip: Option<(f64, bool)>) -> (Traces, Truth, f64, Draw) {
+fn run(case: &Case, clip: Option<(f64, bool)>, before: Option<f64>) -> (Traces, Truth, f64, Draw) {
     let mut d = Draw(Pcg64Mcg::seed_from_u64(case.number()));
     let mut p = Loop::draw(case.class, &mut d);
     if case.is(Kind::DeadTimeChange) || case.is(Kind::GainChange) {
@@ -285,6 +296,10 @@ fn run(case: &Case, clip: Option<(f64, bool)>) -> (Traces, Truth, f64, Draw) {
     }
     if kind == valve::Kind::OneParameter {
         j = s;
+    }
+    if let Some(friction) = before {
+        j = if case.is(Kind::SlipJump) { s } else { j };
+        (s, j) = (friction * s, friction * j);
     }
     let mut valve = Valve::new(kind, 50.0, s, j);
     // Loads, noise, set point.
@@ -321,6 +336,8 @@ fn run(case: &Case, clip: Option<(f64, bool)>) -> (Traces, Truth, f64, Draw) {
     let more_delay = case.pick([2, if case.class == 0 { 3 } else { 4 }, if case.class == 0 { 5 } else { 7 }]);
     let mut line = VecDeque::from(vec![0.0; p.delay + 24]);
     let (mut sp, mut shown) = (50.0, 50.0);
+    // All is drawn by now as the case has it.
+    let case = &Case { undeclared: before.map_or(case.undeclared, |_| Undeclared::Nothing), ..*case };
     for k in 0..n + WARM {
         if sp_moves && k % sp_every == sp_every - 20 {
             sp = 50.0 + sp_size * d.within(-1.0, 1.0);

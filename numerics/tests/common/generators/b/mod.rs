@@ -26,7 +26,7 @@ use run::{Trace, recorded, run};
 use signals::{foreign, sd};
 
 /// The generator.
-pub const B: Generator = Generator { name: "B", variants: plan::variants, record };
+pub const B: Generator = Generator { name: "B", variants: plan::variants, record, before };
 
 /// Loops drawn for a case before it is given up.
 const TRIALS: u64 = 2000;
@@ -39,6 +39,28 @@ const LIVELIEST: f64 = 3.0;
 
 /// Draws a case.
 fn record(case: &Case) -> (Record, Truth) {
+    let Drawn { mut draw, plan, trace, .. } = drawn(case);
+    (written(&mut draw, case, &plan, &trace), truth(case, &plan))
+}
+
+/// The loop of a case without its effect and with this share of its friction.
+fn before(case: &Case, friction: f64) -> Record {
+    let Drawn { mut draw, bare, plan, .. } = drawn(case);
+    let plan = plan.before(case.effect, bare, friction);
+    written(&mut draw, case, &plan, &run(&plan))
+}
+
+/// The loop of a case.
+struct Drawn {
+    /// What goes on from here.
+    draw: Draw,
+    /// The loop before its effect was sized on it.
+    bare: Plan,
+    plan: Plan,
+    trace: Trace,
+}
+
+fn drawn(case: &Case) -> Drawn {
     let mut lively = match case.effect {
         Some(Kind::GainChange | Kind::DeadTimeChange | Kind::ValveSaturation | Kind::ClockSkew) => LIVELY,
         _ => 1.0,
@@ -46,12 +68,13 @@ fn record(case: &Case) -> (Record, Truth) {
     for attempt in 0..TRIALS {
         let mut draw = Draw::of(case, attempt);
         let mut plan = Plan::draw(&mut draw, case, lively);
+        let bare = plan.clone();
         let tried = effects::apply(&mut draw, case, &mut plan).and_then(|()| {
             let trace = run(&plan);
             checked(&plan, &trace).map(|()| trace)
         });
         match tried {
-            Ok(trace) => return (written(&mut draw, case, &plan, &trace), truth(case, &plan)),
+            Ok(trace) => return Drawn { draw, bare, plan, trace },
             Err(Fault::Faint) => lively = (lively * LIVELIER.0).min(LIVELIEST),
             Err(Fault::Wide) => lively *= LIVELIER.1,
             Err(Fault::Hidden) => {}

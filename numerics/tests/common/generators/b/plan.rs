@@ -3,7 +3,7 @@
 use stictiond_numerics::residual::Kind;
 
 use super::super::Case;
-use super::change::{Change, Curve};
+use super::change::{Change, Curve, Place};
 use super::controller::Settings;
 use super::draw::{Draw, Range};
 use super::process::{Class, Process};
@@ -163,6 +163,32 @@ impl Plan {
         plan.draw_loads(draw, lively);
         plan.draw_set_point(draw, case, lively);
         plan
+    }
+
+    /// The same loop without the effect and with this share of its friction; `bare`: as it was drawn, before its effect was sized
+    /// on it.
+    pub fn before(self, effect: Option<Kind>, bare: Plan, share: f64) -> Plan {
+        // Loads and moves that only show a curve stay.
+        let (load_in, load_out) = match effect {
+            Some(Kind::StaticNonlinearity) => (self.load_in, self.load_out),
+            _ => (bare.load_in, bare.load_out),
+        };
+        let of_before = |own: Friction| {
+            let j = if effect == Some(Kind::SlipJump) { own.s } else { own.j };
+            Friction { s: share * own.s, j: share * j, ratio: 1.0, ..own }
+        };
+        Plan {
+            friction: self.friction.filter(|_| share > 0.0).map(of_before),
+            worn: vec![],
+            stops: (0.0, 100.0),
+            load_in,
+            load_out,
+            change: Change { gain: 1.0, delay: 0.0, ..self.change },
+            curve: Curve { place: Place::Nowhere, ..self.curve },
+            sensor: Sensor::Honest,
+            skew: (0.0, 0.0),
+            ..self
+        }
     }
 
     /// Scans that are simulated.

@@ -21,9 +21,19 @@ use plan::{Class, Grip, Plan};
 use run::Trace;
 
 /// The generator.
-pub const C: Generator = Generator { name: "C", variants, record: |case| record(case, false) };
+pub const C: Generator = Generator {
+    name: "C",
+    variants,
+    record: |case| record(case, false, None),
+    before: |case, friction| record(case, false, Some(friction)).0,
+};
 /// The same loops under loads that swing: what no hypothesis describes must not be taken for another effect.
-pub const D: Generator = Generator { name: "D", variants, record: |case| record(case, true) };
+pub const D: Generator = Generator {
+    name: "D",
+    variants,
+    record: |case| record(case, true, None),
+    before: |case, friction| record(case, true, Some(friction)).0,
+};
 
 /// Draws of a loop before the last one is taken as it is.
 const ATTEMPTS: u64 = 60;
@@ -70,10 +80,11 @@ fn split(case: &Case) -> (Class, Grip) {
     (Class::ALL[class], grips[case.variant % grips.len()])
 }
 
-fn record(case: &Case, swings: bool) -> (Record, Truth) {
+/// `before`: the share of friction where the loop is as it was, without its effect.
+fn record(case: &Case, swings: bool, before: Option<f64>) -> (Record, Truth) {
     let mut last = None;
     for attempt in 0..ATTEMPTS {
-        if let Some((inside, record, truth)) = draw_once(case, swings, attempt) {
+        if let Some((inside, record, truth)) = draw_once(case, swings, before, attempt) {
             if inside {
                 return (record, truth);
             }
@@ -84,7 +95,7 @@ fn record(case: &Case, swings: bool) -> (Record, Truth) {
 }
 
 /// One draw of the case, and whether it stays inside the range; `None` where the loop cannot carry the effect.
-fn draw_once(case: &Case, swings: bool, attempt: u64) -> Option<(bool, Record, Truth)> {
+fn draw_once(case: &Case, swings: bool, before: Option<f64>, attempt: u64) -> Option<(bool, Record, Truth)> {
     let mut draw = Draw::new(case, attempt);
     let (class, grip) = split(case);
     let wish = effect::wish(case, CALMER.powi(attempt as i32), &mut draw);
@@ -102,6 +113,17 @@ fn draw_once(case: &Case, swings: bool, attempt: u64) -> Option<(bool, Record, T
     }
     let within = |values: &[f64], (low, high): (f64, f64)| values.iter().all(|v| (low..=high).contains(v));
     let inside = within(&trace.op, OP_RANGE) && within(&trace.pv, PV_RANGE) && within(&pv, PV_RANGE);
+    let (plan, signals, trace) = match before {
+        Some(friction) => {
+            // The load that drives the stem to its stop is no part of the effect.
+            let signals = if case.effect == Some(Kind::ValveSaturation) { signals } else { usual };
+            let plan = plan.before(case.effect == Some(Kind::SlipJump), friction);
+            let trace = run::run(&plan, &signals, false);
+            (plan, signals, trace)
+        }
+        None => (plan, signals, trace),
+    };
+    let pv = sensor::recorded_pv(&signals, &trace);
     let mut other = Draw::new(case, TAG_STREAM);
     // A tag that drives the process may stand at any place.
     let mut all = tags::draw_tags(case.tags, &pv, &mut other);

@@ -7,6 +7,8 @@ use super::valve::{Force, Model, Valve};
 
 /// J by S of friction that is not unusual.
 const ORDINARY_SLIP: f64 = 0.95;
+/// Band S of a valve that no longer sticks (% of OP): in the middle of those of sound valves.
+const SOUND_BAND: f64 = 0.016;
 /// Largest process gain where the stem travels far (PV by % of OP).
 const BEND_GAIN: f64 = 0.9;
 
@@ -194,6 +196,17 @@ impl Plan {
         (plan.valve.opening, plan.valve.closing) = (force, force);
         plan.valve.stops = (0.0, 100.0);
         (plan.process.characteristic, plan.process.slope) = (Characteristic::Linear, Slope::Even);
+        plan
+    }
+
+    /// The same loop without the effect and with this share of its friction; `slips`: its jump is the effect.
+    pub fn before(&self, slips: bool, share: f64) -> Self {
+        let mut plan = self.ordinary();
+        let jump = if slips { ORDINARY_SLIP * self.band } else { self.jump };
+        // A sound valve has a little, too.
+        let share = if self.sticks() { share.max(SOUND_BAND / self.band) } else { 1.0 };
+        let force = Force::from_band(self.band, jump).times(share);
+        (plan.valve.opening, plan.valve.closing) = (force, force);
         plan
     }
 
