@@ -45,7 +45,7 @@ async fn ask(loops: usize) -> Result<(), Failed> {
     let config = config::parse("list.toml", &configuration(loops)).map_err(told)?;
     let app = App::build(config, Clock::plant(START, 1.0), App::diagnosis())?;
     for at in 0..loops {
-        app.results().learn(diagnosed(at), None);
+        app.results().learn(diagnosed(at), None, START);
     }
     let listener = TcpListener::bind("127.0.0.1:0").await?;
     let address = listener.local_addr()?;

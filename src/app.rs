@@ -9,6 +9,7 @@
 mod alarm_inputs;
 mod backfill;
 mod device;
+mod error;
 mod facts;
 mod fleet;
 mod notifications;
@@ -23,17 +24,15 @@ mod security;
 mod surroundings;
 mod writeback;
 
-use crate::access::FileError;
-use crate::audit::AuditError;
-use crate::collect::{DeviceHealth, Issue, modbus};
-use crate::config::{self, Config, Diagnostic, Neighbour};
+use crate::collect::{DeviceHealth, modbus};
+use crate::config::{self, Config, Neighbour};
 use crate::detectors::integration::told_by_name;
 use crate::diagnosis::{self, Settings};
 use crate::history::History;
 use crate::residual;
 use crate::results::{Judged, Results};
 use crate::schedule::{self, Clock, Diagnose, Job, Scheduler};
-use crate::serve::{self, Context, LoopInfo, ServeError, TlsError};
+use crate::serve::{self, Context, LoopInfo};
 use crate::signal::LoopId;
 use backfill::BackfillJobs;
 use device::Device;
@@ -45,8 +44,6 @@ use plantwide::Plantwide;
 pub use plantwide::friction_of;
 use security::Security;
 use std::collections::{HashMap, HashSet};
-use std::io;
-use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::TcpListener;
@@ -54,62 +51,13 @@ use tokio::sync::{Mutex, watch};
 use tokio_util::sync::CancellationToken;
 use writeback::WritebackControl;
 
+pub use error::AppError;
 pub use fleet::Role;
 pub use process::{daemon, listen};
 pub use surroundings::Surroundings;
 
 /// How often a shelving is looked at that may have run out.
 const ALARM_TICK: Duration = Duration::from_secs(1);
-
-/// Why the daemon does not run.
-#[derive(Debug, thiserror::Error)]
-pub enum AppError {
-    /// The configuration cannot be used; everything wrong with it.
-    #[error("{}", lines(.0))]
-    Config(Vec<Diagnostic>),
-    /// A device cannot be polled as configured.
-    #[error("{}", .0.iter().map(|issue| format!("{}: {}", issue.field, issue.message)).collect::<Vec<_>>().join("\n"))]
-    Plan(Vec<Issue>),
-    /// The address is taken, or not this machine's.
-    #[error("cannot listen on {address}: {source}{}", hint(source))]
-    Bind {
-        /// The address.
-        address: SocketAddr,
-        /// Why.
-        source: io::Error,
-    },
-    /// Write-back, or what people change, cannot be put on record.
-    #[error(transparent)]
-    Audit(#[from] AuditError),
-    /// Users and tokens cannot be read.
-    #[error("[access] file: {0}")]
-    Access(#[from] FileError),
-    /// There are no certificates.
-    #[error(transparent)]
-    Tls(#[from] TlsError),
-    /// This machine cannot take its part in the fleet.
-    #[error("{0}")]
-    Fleet(String),
-    /// The API failed.
-    #[error(transparent)]
-    Serve(#[from] ServeError),
-    /// Signals cannot be received.
-    #[error("cannot listen to signals: {0}")]
-    Signal(io::Error),
-}
-
-fn hint(error: &io::Error) -> &'static str {
-    match error.kind() {
-        io::ErrorKind::AddrInUse => {
-            "; another program, perhaps another stictiond, listens there: choose another port"
-        }
-        _ => "",
-    }
-}
-
-fn lines(diagnostics: &[Diagnostic]) -> String {
-    diagnostics.iter().map(Diagnostic::to_string).collect::<Vec<_>>().join("\n")
-}
 
 /// The daemon, built and not yet running.
 pub struct App {
@@ -128,6 +76,8 @@ pub struct App {
     /// `None` where this machine is alone.
     fleet: Option<Arc<Fleet>>,
     diagnose: Diagnose,
+    /// The configuration of the start: what a reload does not change is as it says.
+    started: Arc<Config>,
     /// Cancelled when the daemon stops.
     stop: CancellationToken,
     state: Mutex<Running>,
@@ -203,7 +153,7 @@ impl App {
         });
         let devices: Vec<Device> =
             wired.into_plans().map(|plan| Device::new(plan, clock, &dial, &history)).collect();
-        let (plant, watched) = watch::channel(Arc::new(shown(&config, &history, &devices)));
+        let (plant, watched) = watch::channel(Arc::new(shown(&config, &config, &history, &devices)));
         let (served, ended) = (config.server.clone(), stop.clone());
         let context = Context::new(served, clock, results.clone(), scheduler.clone(), watched, ended);
         let context = context.with_writeback(writeback.clone()).with_notifications(notifications.clone());
@@ -225,8 +175,8 @@ impl App {
             total_bytes = history.memory_bytes(),
             "history: memory taken"
         );
-        let state =
-            Mutex::new(Running { config, history, devices, collecting: false, since: clock.elapsed() });
+        let (started, since) = (config.clone(), clock.elapsed());
+        let state = Mutex::new(Running { config, history, devices, collecting: false, since });
         Ok(Self {
             clock,
             dial,
@@ -242,6 +192,7 @@ impl App {
             security,
             fleet,
             diagnose,
+            started,
             stop,
             state,
         })
@@ -417,6 +368,9 @@ impl App {
         self.results.reload(&ids(&config), &config.alarm, self.clock.now());
         self.results.watch_devices(&devices_of(&config), self.clock.now());
         self.persistence.clone().replace(history.clone(), self.results.clone()).await;
+        // Of loops that were not watched it gives back how they were left: nobody said then that their alarms are over.
+        let old = &state.config;
+        self.results.begin_anew((&ids(old), &devices_of(old)), &old.alarm, self.clock.now());
         // Only now: an edge would forward new rings before the store has filled them, and all they hold once more after that.
         if let Some(fleet) = &self.fleet {
             fleet.replace(&config, &history);
@@ -429,10 +383,11 @@ impl App {
             plan.follows = true;
         }
         self.scheduler.replace(plan);
-        self.plant.send_replace(Arc::new(shown(&config, &history, &devices)));
+        self.plant.send_replace(Arc::new(shown(&self.started, &config, &history, &devices)));
         if state.collecting && !self.stop.is_cancelled() {
             devices.iter_mut().for_each(|device| device.start(&self.stop));
             self.writeback.begin(&config, &history, &devices);
+            self.security.warn_of_log(self.writeback.recorder());
         }
         tracing::info!(
             loops = history.loops().len(),
@@ -498,7 +453,8 @@ fn snapshot(config: &Config, history: &Arc<History>) -> schedule::Snapshot {
     })
 }
 
-fn shown(config: &Config, history: &Arc<History>, devices: &[Device]) -> serve::Plant {
+/// What the API shows of the plant, and of what is in force: of some sections that is what the daemon was started with.
+fn shown(started: &Config, config: &Config, history: &Arc<History>, devices: &[Device]) -> serve::Plant {
     let info = |control_loop: &config::LoopConfig| LoopInfo {
         id: LoopId::new(control_loop.id.as_str()),
         description: control_loop.description.clone(),
@@ -509,9 +465,9 @@ fn shown(config: &Config, history: &Arc<History>, devices: &[Device]) -> serve::
         devices.iter().map(|device| (device.plan.name().to_string(), device.health.clone())).collect();
     let states = move || healths.iter().map(|(name, health)| Device::state(name, health)).collect();
     let snapshot = snapshot(config, history);
-    let recall = recall::recall(snapshot, config.store.clone(), neighbours(config));
+    let recall = recall::recall(snapshot, started.store.clone(), neighbours(config));
     serve::Plant::new(config.loops.iter().map(info).collect(), history.clone(), Arc::new(states))
-        .with_facts(facts::of(config))
+        .with_facts(facts::of(started, config))
         .with_recall(recall)
 }
 

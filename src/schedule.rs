@@ -378,7 +378,18 @@ impl Scheduler {
             let basis = Basis::of(&record, &table.plan.settings, structure).after(friction);
             Some((Arc::new(record), Arc::new(basis)))
         });
-        let (record, basis) = copied.await.ok().flatten()?;
+        let (record, basis) = match copied.await {
+            Ok(copied) => copied?,
+            Err(error) => {
+                // Without one the runtime is going down.
+                if let Ok(panic) = error.try_into_panic() {
+                    self.counts.panicked.fetch_add(1, Relaxed);
+                    let message = said(panic.as_ref());
+                    tracing::error!(control_loop = %id, message, "the copy of a loop's samples panicked");
+                }
+                return None;
+            }
+        };
         Some(Asked { id: id.clone(), record, basis, started, trigger })
     }
 

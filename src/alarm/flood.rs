@@ -30,7 +30,8 @@ pub struct FloodView {
 impl Flood {
     /// An alarm was raised at `now`; whether it is grouped. One of high priority is counted and never grouped.
     pub fn raised(&mut self, priority: Priority, now: f64, config: &Config) -> bool {
-        self.tick(now, config);
+        // A flood ends with a tick only: who calls that lets go of the alarms that it grouped.
+        self.age(now, config);
         self.count(part(now, config), 1);
         if self.since.is_none() && self.recent() > config.flood_raises {
             (self.since, self.grouped) = (Some(now), 0);
@@ -42,11 +43,7 @@ impl Flood {
 
     /// Lets time pass; true when a flood has ended, which is when half the rate that began it is undercut.
     pub fn tick(&mut self, now: f64, config: &Config) -> bool {
-        self.set_back(now, config);
-        let oldest = part(now - config.flood_s, config);
-        while self.counts.front().is_some_and(|(at, _)| *at <= oldest) {
-            self.counts.pop_front();
-        }
+        self.age(now, config);
         let over = self.since.is_some() && 2 * self.recent() <= config.flood_raises;
         if over {
             self.since = None;
@@ -57,6 +54,15 @@ impl Flood {
     /// What is going on.
     pub fn view(&self) -> FloodView {
         FloodView { since: self.since, grouped: self.grouped, recent: self.recent() }
+    }
+
+    /// Forgets what was raised longer ago than `flood_s`.
+    fn age(&mut self, now: f64, config: &Config) {
+        self.set_back(now, config);
+        let oldest = part(now - config.flood_s, config);
+        while self.counts.front().is_some_and(|(at, _)| *at <= oldest) {
+            self.counts.pop_front();
+        }
     }
 
     /// Of a clock that was set back: what was raised "later" was raised just now, or the flood would last as long as the clock

@@ -68,6 +68,11 @@ impl Flags {
         over.then(|| self.change(now, Cause::Expired, Self::end_shelving))
     }
 
+    /// Lets no shelving end later than somebody could have it end from now on: a clock that was set back would prolong it.
+    pub fn bound_shelving(&mut self, max_s: f64, now: f64) {
+        self.shelved_until = self.shelved_until.map(|until| until.min(now + max_s));
+    }
+
     /// The condition comes or goes; while the alarm is silent nobody is told. `latching`: the alarm stays when it goes.
     pub fn condition(&mut self, active: bool, latching: bool, now: f64) -> Option<Transition> {
         if active == self.active {
@@ -107,8 +112,9 @@ impl Flags {
         Ok(self.change(now, Cause::Reset, |flags| flags.latched = false))
     }
 
-    /// Somebody silences the alarm; shelving a shelved alarm sets a new end, which is no change of state.
-    pub fn shelve(&mut self, how: Shelving, max_s: f64, now: f64) -> Result<Option<Transition>, Refusal> {
+    /// Somebody silences the alarm. Shelving a shelved alarm sets a new end, and is told too: who follows the alarm elsewhere
+    /// would not know of it, nor who decides by when somebody acted last.
+    pub fn shelve(&mut self, how: Shelving, max_s: f64, now: f64) -> Result<Transition, Refusal> {
         let (duration, one_shot) = match how {
             Shelving::For(duration) => (duration, false),
             Shelving::Once(duration) => (duration, true),
@@ -124,7 +130,7 @@ impl Flags {
         }
         let from = self.state();
         (self.shelved_until, self.one_shot) = (Some(now + duration), one_shot);
-        Ok((from != State::Shelved).then(|| self.moved(from, now, Cause::Shelved)))
+        Ok(self.moved(from, now, Cause::Shelved))
     }
 
     /// Somebody ends the shelving.

@@ -171,6 +171,11 @@ impl Alarm {
         self.flags.tick(now).into_iter().collect()
     }
 
+    /// Lets no shelving end later than somebody could have it end from now on.
+    pub fn bound_shelving(&mut self, now: f64, config: &Config) {
+        self.flags.bound_shelving(config.max_shelve_s, now);
+    }
+
     /// Takes an observation made at `now`, `priority` being what it would be raised with.
     pub fn observe(
         &mut self,
@@ -246,7 +251,7 @@ impl Alarm {
         let acted = match action {
             Action::Acknowledge => self.flags.acknowledge(now).map(Some),
             Action::Reset => self.flags.reset(now).map(Some),
-            Action::Shelve(how) => self.flags.shelve(how, config.max_shelve_s, now),
+            Action::Shelve(how) => self.flags.shelve(how, config.max_shelve_s, now).map(Some),
             Action::Unshelve => self.flags.unshelve(now).map(Some),
             Action::TakeOut => self.flags.take_out(now).map(Some),
             Action::GiveBack => self.flags.give_back(now).map(Some),
@@ -269,13 +274,25 @@ impl Alarm {
         taken
     }
 
+    /// The time of its state, which ends at `now`, says nothing of the condition: what began in it has not been, and what held
+    /// before has held for as long as then. Nobody was told of it.
+    pub fn leave_out(&mut self, now: f64) -> Vec<Transition> {
+        let since = self.flags.since.unwrap_or(now);
+        if self.flags.active && self.flags.raised_at.is_some_and(|at| at > since) {
+            (self.flags.active, self.flags.latched) = (false, false);
+            self.votes = Votes::default();
+        }
+        self.pending = self.pending.filter(|begun| *begun <= since).map(|begun| begun + (now - since));
+        self.tick(now)
+    }
+
     /// Its subject or kind is there no more: what stands does so no longer.
     pub fn forget(&mut self, now: f64) -> Vec<Transition> {
         let mut taken = self.tick(now);
-        if let Some(over) = self.flags.forget(now) {
-            // They spoke for the condition that was there.
+        taken.extend(self.flags.forget(now));
+        if self.state() == State::Normal {
+            // They spoke for what was there.
             (self.votes, self.pending) = (Votes::default(), None);
-            taken.push(over);
         }
         taken
     }

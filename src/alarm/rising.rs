@@ -88,10 +88,14 @@ impl Trend {
         if ![f, width, t].iter().all(|x| x.is_finite()) || width < 0.0 {
             return Observation::Unknown;
         }
+        // Stamped by a clock that was ahead: until it is that late again nothing that comes would be a point.
+        while self.0.back().is_some_and(|point| point.t > t + config.bucket_s) {
+            self.0.pop_back();
+        }
         let (bucket, variance) = ((t / config.bucket_s).floor(), (width / (2.0 * CI95)).powi(2));
         let newest = self.0.back().map(|point| (point.t / config.bucket_s).floor());
         if newest.is_some_and(|newest| bucket <= newest) {
-            // A clock that was set back adds to the newest; the line is not disturbed by it.
+            // A clock that was set back by less than a bucket adds to the newest; the line is not disturbed by it.
             if newest == Some(bucket)
                 && let Some(point) = self.0.back_mut()
             {

@@ -194,7 +194,7 @@ pub enum Refusal {
     #[error("the alarm is in service: it is {}", .0.as_str())]
     InService(State),
     /// Shelving needs a positive, bounded time.
-    #[error("an alarm can be shelved for more than 0 s and at most {max_s} s")]
+    #[error("an alarm can be shelved for more than 0 s and at most {max_s} s{}", in_days(*max_s))]
     BadDuration {
         /// The longest time allowed (s).
         max_s: f64,
@@ -202,4 +202,29 @@ pub enum Refusal {
     /// The alarm is another machine's, and another centre gives the orders.
     #[error("another centre acts for the fleet at present: do it there")]
     NotLeading,
+}
+
+/// So many seconds in days, where it is one or more.
+fn in_days(s: f64) -> String {
+    let days = (10.0 * s / 86_400.0).round() / 10.0;
+    match days {
+        days if days < 1.0 => String::new(),
+        1.0 => " (1 day)".to_string(),
+        days => format!(" ({days} days)"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_longest_shelving_is_told_in_days_too() {
+        let told = |max_s| Refusal::BadDuration { max_s }.to_string();
+        let begins = "an alarm can be shelved for more than 0 s and at most ";
+        assert_eq!(told(604_800.0), format!("{begins}604800 s (7 days)"));
+        assert_eq!(told(86_400.0), format!("{begins}86400 s (1 day)"));
+        assert_eq!(told(129_600.0), format!("{begins}129600 s (1.5 days)"));
+        assert_eq!(told(3600.0), format!("{begins}3600 s"));
+    }
 }

@@ -300,6 +300,19 @@ fn a_flood_is_grouped_counted_and_over_at_half_its_rate() {
 }
 
 #[test]
+fn a_flood_that_has_ended_when_one_more_is_raised_is_said_to_be_over() {
+    let config = Config { flood_raises: 10, flood_s: 600.0, ..Config::default() };
+    let mut flood = Flood::default();
+    for k in 0..11 {
+        flood.raised(Priority::Low, f64::from(k), &config);
+    }
+    assert!(flood.view().since.is_some());
+    flood.raised(Priority::Low, 5000.0, &config);
+    assert!(flood.tick(5000.0, &config), "else nobody lets go of what it grouped");
+    assert_eq!((flood.view().since, flood.view().recent), (None, 1));
+}
+
+#[test]
 fn a_clock_that_is_set_back_makes_no_flood_longer_and_no_alarm_chatter() {
     let config = Config { flood_raises: 10, flood_s: 600.0, ..Config::default() };
     let mut flood = Flood::default();

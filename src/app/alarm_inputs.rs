@@ -9,7 +9,7 @@ use crate::history::{History, TagKind};
 use crate::results::{DeviceSeen, Results, TagsSeen};
 use crate::schedule::Clock;
 use crate::serve::WritebackPort;
-use crate::signal::LoopId;
+use crate::signal::{BadReason, LoopId, Quality, Role};
 use std::collections::BTreeSet;
 use std::time::Duration;
 
@@ -52,16 +52,25 @@ pub(super) fn observe(
     results.watch(devices, loops, now);
     // A trip of before the restart is over when write-back begins again in shadow.
     for id in results.active(Kind::CompensationTripped) {
-        if writeback.status(&id).is_none_or(|status| status.state != State::Tripped) {
+        if writeback.status(&id).is_none_or(|status| !holds_a_trip(status.state)) {
             results.watch_trip(&id, None, now);
         }
     }
+}
+
+/// Whether a trip that was told stands in this state: it is told when a fault begins to close the gate.
+fn holds_a_trip(state: State) -> bool {
+    matches!(state, State::Withdrawing | State::Tripped)
 }
 
 /// A collector by the age of its newest good sample: a connection may be open to a device that says nothing. The age is counted
 /// by a clock that nobody sets, from when the sample was first seen here.
 fn seen(device: &mut Device, began: Duration, after_s: f64, elapsed: Duration) -> DeviceSeen {
     let name = LoopId::new(device.plan.name());
+    if device.rings.by_tag.is_empty() {
+        // Nothing is read from it, as where write-back alone has to do with it, so nothing ever comes.
+        return DeviceSeen { name, down: Some(None) };
+    }
     let last = device.health.snapshot().last_good;
     if last != device.heard.map(|(stamp, _)| stamp) {
         device.heard = last.map(|stamp| (stamp, elapsed));
@@ -85,24 +94,103 @@ fn tags(own: &LoopConfig, history: &History) -> TagsSeen {
     let mut bad = Vec::new();
     for (tag, newest) in history.latest(&id) {
         // Another tag only explains: without it the loop is judged all the same.
-        if matches!(tag.kind, TagKind::Role(_))
-            && let Some(sample) = newest.filter(|s| !s.quality.is_good())
-        {
-            bad.push(format!("{} is {}", tag.kind.name(), sample.quality.as_str()));
+        let TagKind::Role(role) = &tag.kind else { continue };
+        match newest {
+            Some(sample) if !sample.quality.is_good() => bad.push(said(*role, wrong(sample.quality))),
+            // Without the two nothing can be said; a start takes no longer than the alarm waits.
+            None if matches!(role, Role::Op | Role::Pv) => bad.push(said(*role, "nothing has come yet")),
+            _ => {}
         }
     }
     let roles = [Some(&own.op), Some(&own.pv), own.sp.as_ref(), own.mode.as_ref(), own.mv.as_ref()];
     let devices: BTreeSet<&str> = roles.into_iter().flatten().map(|tag| tag.device()).collect();
     TagsSeen {
         id,
-        bad: (!bad.is_empty()).then(|| bad.join(", ")),
+        bad: (!bad.is_empty()).then(|| bad.join("; ")),
         devices: devices.into_iter().map(LoopId::new).collect(),
+    }
+}
+
+/// A tag and what is wrong with it, for people.
+fn said(role: Role, what: &str) -> String {
+    let name = if role == Role::Mode { "mode".to_string() } else { role.as_str().to_uppercase() };
+    format!("{name}: {what}")
+}
+
+/// What a quality means.
+fn wrong(quality: Quality) -> &'static str {
+    match quality {
+        Quality::Good => "good",
+        Quality::Stale => "frozen, or marked as doubtful by its source",
+        Quality::Bad(BadReason::DeviceException) => {
+            "the device refuses the address, or the source marks it as bad"
+        }
+        Quality::Bad(BadReason::Timeout) => "no answer in time",
+        Quality::Bad(BadReason::LinkDown) => "no connection",
+        Quality::Bad(BadReason::OutOfRange) => "out of range",
+        Quality::Bad(BadReason::NotANumber) => "no number",
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::writeback::tests::config;
     use super::*;
+    use crate::collect::modbus;
+    use crate::signal::Sample;
+    use std::sync::Arc;
+
+    /// A loop, the device that it is read from, and one that no tag is read from.
+    fn parts() -> (LoopConfig, Arc<History>, Vec<Device>) {
+        let mut config = config();
+        let mut other = config.modbus[0].clone();
+        other.name = "written".to_string();
+        config.modbus.push(other);
+        let wired = config.plant().expect("it was checked");
+        let history = Arc::new(History::new(&wired.loops, &config.history));
+        let devices = wired.into_plans();
+        let devices = devices.map(|plan| Device::new(plan, Clock::wall(), &modbus::sockets(), &history));
+        let devices = devices.collect();
+        (config.loops.swap_remove(0), history, devices)
+    }
+
+    #[test]
+    fn a_device_that_no_tag_is_read_from_is_not_down() {
+        let (_, _, mut devices) = parts();
+        let mut down = |at: usize, elapsed_s| {
+            seen(&mut devices[at], Duration::ZERO, 120.0, Duration::from_secs(elapsed_s)).down
+        };
+        assert_eq!(down(0, 60), None, "nobody knows yet");
+        assert!(down(0, 121).flatten().is_some());
+        assert_eq!([down(1, 60), down(1, 1000)], [Some(None), Some(None)]);
+    }
+
+    #[test]
+    fn op_and_pv_that_never_come_are_told_and_what_may_be_left_out_is_not() {
+        let (own, history, _) = parts();
+        let bad = || tags(&own, &history).bad;
+        assert_eq!(bad().as_deref(), Some("OP: nothing has come yet; PV: nothing has come yet"));
+        history.push(0, Sample::good(1.0, 50.0));
+        let value = Sample { t: 1.0, value: f64::NAN, quality: Quality::Bad(BadReason::LinkDown) };
+        history.push(1, value);
+        assert_eq!(bad().as_deref(), Some("PV: no connection"));
+        history.push(1, Sample::good(2.0, 50.0));
+        assert_eq!(bad(), None);
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_tag_is_said_in_words() {
+        assert_eq!(said(Role::Mode, wrong(Quality::Bad(BadReason::Timeout))), "mode: no answer in time");
+        for quality in Quality::ALL {
+            assert!(!wrong(quality).contains(['_', ':']), "{quality:?}");
+        }
+    }
+
+    #[test]
+    fn a_trip_stands_from_the_fault_on() {
+        let holding: Vec<State> = State::ALL.into_iter().filter(|state| holds_a_trip(*state)).collect();
+        assert_eq!(holding, [State::Withdrawing, State::Tripped]);
+    }
 
     #[test]
     fn a_clock_that_is_set_is_told_from_one_that_goes() {

@@ -51,11 +51,40 @@ async fn obey(
             () = stop.cancelled() => return,
             _ = term.recv() => break,
             _ = int.recv() => break,
-            _ = hup.recv() => reload(app, path).await,
+            _ = hup.recv() => {
+                let told = async {
+                    tokio::select! {
+                        _ = term.recv() => {}
+                        _ = int.recv() => {}
+                    }
+                };
+                finish(reload(app, path), told, &stop).await;
+            }
         }
     }
+    end(&stop);
+}
+
+fn end(stop: &CancellationToken) {
     tracing::info!("stopping");
     stop.cancel();
+}
+
+/// Lets a reload come to its end: what it has taken apart nobody else puts together. A daemon that is told to stop meanwhile does
+/// so at once, since a reload waits for terms that go to zero.
+async fn finish(
+    reloading: impl Future<Output = ()>,
+    told: impl Future<Output = ()>,
+    stop: &CancellationToken,
+) {
+    tokio::pin!(reloading);
+    tokio::select! {
+        biased;
+        () = &mut reloading => return,
+        () = told => {}
+    }
+    end(stop);
+    reloading.await;
 }
 
 async fn reload(app: &App, path: &Path) {
@@ -69,5 +98,32 @@ async fn reload(app: &App, path: &Path) {
         for error in error.to_string().lines() {
             tracing::error!(error, "the configuration is refused, the old one stays in force");
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use futures::FutureExt;
+    use tokio::sync::oneshot;
+
+    #[test]
+    fn a_daemon_that_is_told_to_stop_in_a_reload_stops_and_ends_the_reload() {
+        let stop = CancellationToken::new();
+        let ((ended, reloading), (tell, told)) = (oneshot::channel::<()>(), oneshot::channel::<()>());
+        let finishing = finish(reloading.map(drop), told.map(drop), &stop);
+        let mut finishing = Box::pin(finishing);
+        assert!((&mut finishing).now_or_never().is_none() && !stop.is_cancelled());
+        tell.send(()).expect("it listens");
+        assert!((&mut finishing).now_or_never().is_none() && stop.is_cancelled(), "it stops at once");
+        ended.send(()).expect("it waits");
+        assert!((&mut finishing).now_or_never().is_some(), "and not before the reload is whole");
+    }
+
+    #[test]
+    fn a_reload_that_ends_by_itself_stops_nothing() {
+        let stop = CancellationToken::new();
+        let done = finish(std::future::ready(()), std::future::pending(), &stop);
+        assert!(done.now_or_never().is_some() && !stop.is_cancelled());
     }
 }

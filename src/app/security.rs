@@ -8,7 +8,7 @@ use crate::config::Config;
 use crate::schedule::Clock;
 use crate::serve::Tls;
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio_util::sync::CancellationToken;
 
@@ -21,8 +21,16 @@ pub(super) struct Security {
     pub(super) access: Option<Arc<Access>>,
     pub(super) audit: Option<Arc<Recorder>>,
     pub(super) tls: Option<Arc<Tls>>,
-    /// Of the book that is in force, or was refused.
-    seen: Mutex<Option<Version>>,
+    seen: Mutex<Seen>,
+}
+
+/// What was seen of the book last.
+#[derive(Default)]
+struct Seen {
+    /// Of the book that is in force; none before there was one.
+    version: Option<Version>,
+    /// It was said that the file is not there any more.
+    gone: bool,
 }
 
 impl Security {
@@ -31,11 +39,11 @@ impl Security {
         let tls = config.server.tls.as_ref().map(Tls::load).transpose()?.map(Arc::new);
         let own = config.audit.as_ref().map(|own| Recorder::start(&own.file, own.bounds(), clock.now()));
         let audit = own.transpose()?.map(Arc::new).or(other);
-        let mut seen = None;
+        let mut seen = Seen::default();
         let access = match &config.access {
             None => None,
             Some(access) => {
-                seen = file::version(&access.file);
+                seen.version = file::version(&access.file);
                 let book = book(&access.file)?;
                 tracing::info!(users = book.users.len(), tokens = book.tokens.len(), "a log-in is needed");
                 Some(Arc::new(Access::new(access.clone(), book)))
@@ -51,13 +59,27 @@ impl Security {
     pub(super) fn reload(&self) -> Result<(), AppError> {
         // A book that is refused must not leave new certificates in force.
         if let Some(access) = &self.access {
-            book(access.file())?;
+            let in_force = self.seen().version;
+            read(access.file(), file::version(access.file()), in_force)?;
         }
         if let Some(tls) = &self.tls {
             tls.reload()?;
             tracing::info!("certificates read again");
         }
         self.look_again(true)
+    }
+
+    /// Says what nobody would notice: a log of write-back that was opened by a reload takes no changes of people.
+    pub(super) fn warn_of_log(&self, of_writeback: Option<Arc<Recorder>>) {
+        if self.audit.is_none() && of_writeback.is_some() {
+            tracing::warn!(
+                "write-back's audit log is open since a reload: it has what people change by the API from the next start on only"
+            );
+        }
+    }
+
+    fn seen(&self) -> MutexGuard<'_, Seen> {
+        self.seen.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Follows the book until `stop` is cancelled.
@@ -79,13 +101,19 @@ impl Security {
     fn look_again(&self, anyway: bool) -> Result<(), AppError> {
         let Some(access) = &self.access else { return Ok(()) };
         let now = file::version(access.file());
-        let mut seen = self.seen.lock().unwrap_or_else(PoisonError::into_inner);
-        if *seen == now && !anyway {
+        let mut seen = self.seen();
+        let said = seen.gone;
+        seen.gone = now.is_none() && seen.version.is_some();
+        if seen.gone && !said {
+            let path = access.file().display();
+            tracing::warn!("{path} is not there, or cannot be reached: users and tokens stay as they were");
+        }
+        if seen.version == now && !anyway {
             return Ok(());
         }
-        let book = book(access.file())?;
+        let Some(book) = read(access.file(), now, seen.version)? else { return Ok(()) };
         // Only now: one that could not be read is read again.
-        *seen = now;
+        seen.version = now;
         tracing::info!(users = book.users.len(), tokens = book.tokens.len(), "users and tokens read again");
         for what in access.book().differences(&book) {
             tracing::info!(what, "who may come in has changed");
@@ -98,9 +126,20 @@ impl Security {
     }
 }
 
+/// The book of a file whose version is `now`. None where another was in force and there is none: it is being replaced, or out
+/// of reach, and says of nobody that they may not come in.
+fn read(path: &Path, now: Option<Version>, in_force: Option<Version>) -> Result<Option<Book>, FileError> {
+    match (now, in_force) {
+        (Some(_), _) => file::load(path).map(Some),
+        (None, Some(_)) => Ok(None),
+        (None, None) => book(path).map(Some),
+    }
+}
+
 /// The book; an empty one, that lets nobody in, where there is none yet.
 fn book(path: &Path) -> Result<Book, FileError> {
-    if path.exists() {
+    // What cannot be reached may be there.
+    if path.try_exists().map_err(|source| FileError::Io { path: path.to_path_buf(), source })? {
         return file::load(path);
     }
     let path = path.display();
@@ -108,4 +147,61 @@ fn book(path: &Path) -> Result<Book, FileError> {
         "{path} is not there, so nobody can log in: make it by stictiond user add --config FILE NAME"
     );
     Ok(Book::default())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::access::{Cost, PasswordHash, Role, Roles};
+    use std::fs;
+
+    fn add(path: &Path, name: &str) {
+        let hash = PasswordHash::of("a word", [3; 16], Cost { memory_kib: 8, passes: 1 }).expect("a cost");
+        let added = file::change(path, |book| {
+            book.add_user(name, Roles::of(&[Role::Operator]), hash).expect("added");
+            Ok::<_, FileError>(())
+        });
+        added.expect("written");
+    }
+
+    fn security(file: &Path) -> Result<Security, AppError> {
+        let access = toml::from_str(&format!("file = {file:?}")).expect("it is right");
+        Security::new(&Config { access: Some(access), ..Config::default() }, Clock::wall(), None)
+    }
+
+    #[test]
+    fn a_book_that_is_away_for_a_moment_logs_nobody_out() {
+        let folder = std::env::temp_dir().join(format!("stictiond-book-{}", std::process::id()));
+        let _ = fs::remove_dir_all(&folder);
+        fs::create_dir_all(&folder).expect("writable");
+        let (path, away) = (folder.join("users.json"), folder.join("away.json"));
+        let security = security(&path).expect("there is none yet");
+        let look = |reload: bool| {
+            let looked = if reload { security.reload() } else { security.look_again(false) };
+            looked.expect("it goes on");
+            security.access.as_ref().map_or(0, |access| access.book().users.len())
+        };
+        assert_eq!((look(false), look(true)), (0, 0));
+        add(&path, "jw");
+        assert_eq!(look(false), 1);
+        fs::rename(&path, &away).expect("moved");
+        assert_eq!((look(false), look(true), look(false)), (1, 1, 1));
+        assert!(security.seen().gone);
+        fs::rename(&away, &path).expect("moved");
+        assert_eq!(look(false), 1);
+        assert!(!security.seen().gone, "it is said again when it happens again");
+        add(&path, "kb");
+        assert_eq!(look(false), 2);
+        fs::remove_dir_all(&folder).expect("removed");
+    }
+
+    #[test]
+    fn a_book_that_cannot_be_reached_is_not_taken_for_none() {
+        // A file is no folder: what is below it can neither be there nor be said not to be.
+        let file = std::env::temp_dir().join(format!("stictiond-no-folder-{}", std::process::id()));
+        fs::write(&file, "").expect("written");
+        let found = security(&file.join("users.json"));
+        assert!(matches!(found, Err(AppError::Access(FileError::Io { .. }))));
+        fs::remove_file(&file).expect("removed");
+    }
 }

@@ -432,7 +432,10 @@ impl Gate {
         let in_time = now.mono - leaving.since <= self.limits.withdraw_limit_s;
         if !in_time {
             let to = if leaving.to == State::Disabled { leaving.to } else { State::Tripped };
-            self.tripped_by = self.tripped_by.or(Some(Denial::WriteFailed));
+            if to == State::Tripped {
+                // Where no write failed either the ramp was too slow, or the steps came too late.
+                self.tripped_by = self.tripped_by.or(self.fault).or(Some(Denial::NotAtZero));
+            }
             self.go(to, Cause::NotAtZero, None, now);
         }
     }
@@ -486,7 +489,8 @@ impl Gate {
     }
 
     fn tell(&mut self, event: Event, now: Time) {
-        self.news.push(News { at: now.wall, event });
+        let tripped_by = self.tripped_by.filter(|_| self.state == State::Tripped);
+        self.news.push(News { at: now.wall, event, tripped_by });
     }
 }
 

@@ -237,9 +237,15 @@ impl Order {
         now: f64,
         config: &Config,
     ) -> Option<Move> {
-        if self.looks.back().is_some_and(|last| last.at >= now) {
+        let set_back = self.looks.back().is_some_and(|last| last.at >= now);
+        if set_back {
             // A clock that was set back: what was seen "later" says nothing of now.
             self.looks.clear();
+        }
+        // Nor has anything stood since then: it would stand still until the clock comes there again. Who acts while a look is made
+        // acts later than that, and sets no clock.
+        if set_back || self.first.max(self.since) > now + config.period_s {
+            (self.first, self.since) = (self.first.min(now), self.since.min(now));
         }
         let cause = seen.map(|seen| (seen.cause, seen.probability));
         self.looks.push_back(Look { at: now, from, cause, measure });

@@ -171,3 +171,14 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn a_clock_that_was_ahead_holds_no_order_up() {
+    let (mut list, id) = (WorkList::default(), LoopId::new("FIC1"));
+    // An order of another century, and one that somebody ordered there.
+    assert_eq!(look(&mut list, 900_000..900_020, true, 2.0), [(State::Watched, State::Open)]);
+    assert_eq!(look(&mut list, 0..20, false, 0.5), [(State::Open, State::Calmed)]);
+    look(&mut list, 20..40, true, 2.0);
+    list.act(&id, Act::Repaired, None, None, 900_000.0 * HOUR).expect("there is one").expect("open");
+    assert_eq!(look(&mut list, 40..60, false, 0.5), [(State::Repaired, State::Verified)]);
+}

@@ -109,3 +109,19 @@ fn a_valve_that_gets_worse_is_noticed_in_time() {
     assert_eq!((fast.0, fast.2, slow.0), (40, Some(34), 40));
     assert!(slow.1.is_some_and(|day| day <= 36), "{slow:?}");
 }
+
+#[test]
+fn points_of_a_clock_that_was_ahead_blind_nobody_to_what_comes() {
+    let config = RisingConfig::default();
+    let mut trend = Trend::default();
+    let mut say = |day: f64| {
+        let f = 1.0 + 0.1 * day;
+        trend.take(f, [f - 0.01, f + 0.01], day * DAY, &config);
+    };
+    // Two days of another century, and back.
+    for day in (0..12).chain(40_000..40_002).chain(12..20) {
+        say(f64::from(day));
+    }
+    let days: Vec<f64> = trend.saved().iter().map(|point| point.t / DAY).collect();
+    assert_eq!(days, (0..20).map(f64::from).collect::<Vec<_>>());
+}

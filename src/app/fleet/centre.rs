@@ -337,7 +337,7 @@ impl Fleet {
                 };
                 let model = model.map(|model| remembered_model(&convert::model_row(id.as_str(), &model)));
                 if let Some(run) = window::run(id, &run)
-                    && self.results.learn(run, model)
+                    && self.results.learn(run, model, self.clock.now())
                 {
                     self.diagnosed.fetch_add(1, Relaxed);
                 }
@@ -352,7 +352,7 @@ impl Fleet {
                 }
                 // Else it is known how it stands since then.
                 if !taken.is_past(&kept.id.to_string(), message.sequence()) {
-                    self.results.follow_alarm(kept, change);
+                    self.results.follow_alarm(kept, change, self.clock.now());
                 }
             }
             _ => {}

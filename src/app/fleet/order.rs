@@ -26,8 +26,8 @@ pub(super) fn patience(put_off: usize, in_force: Option<Duration>) -> Duration {
 #[derive(Default)]
 pub(super) struct Order {
     put_off: HashMap<String, BTreeMap<u64, Duration>>,
-    /// Subjects whose loop is not known, and since when.
-    unknown: HashMap<String, Duration>,
+    /// Subjects whose loop is not known, since when, and when that was seen last.
+    unknown: HashMap<String, (Duration, Duration)>,
     /// Sites of which nothing is known, since when, and when that was seen last.
     unknown_sites: HashMap<String, (Duration, Duration)>,
 }
@@ -53,7 +53,17 @@ impl Order {
     /// For how long the loop of a subject has not been known. All its messages count as one, and so do all loops of the `site`
     /// where nothing is known of that: a server gives only so many that nobody acknowledges.
     pub(super) fn unknown_for(&mut self, subject: &str, site: Option<&str>, now: Duration) -> Duration {
-        let mut since = *self.unknown.entry(subject.to_string()).or_insert(now);
+        if !self.unknown.contains_key(subject) {
+            // Nothing else ends those that no edge ever has.
+            self.unknown.retain(|_, (_, last)| now.saturating_sub(*last) < GIVEN_UP);
+        }
+        let (first, last) = self.unknown.entry(subject.to_string()).or_insert((now, now));
+        if now.saturating_sub(*last) >= GIVEN_UP {
+            // What comes now is of a loop that may have been added meanwhile.
+            *first = now;
+        }
+        *last = now;
+        let mut since = *first;
         if let Some(site) = site {
             let (first, last) = self.unknown_sites.entry(site.to_string()).or_insert((now, now));
             if now.saturating_sub(*last) >= GONE {
@@ -245,6 +255,19 @@ mod tests {
         assert_eq!(order.unknown_for("b", None, GONE), Duration::ZERO);
         order.taken("a", 2);
         assert_eq!(order.unknown_for("a", None, GONE), Duration::ZERO, "it was known in between");
+    }
+
+    #[test]
+    fn a_loop_that_was_given_up_is_waited_for_again_and_forgotten_in_the_end() {
+        let mut order = Order::default();
+        for at in 0..=600 {
+            assert_eq!(order.unknown_for("a", None, at * SECOND), at * SECOND, "it comes again and again");
+        }
+        order.end("a", 1);
+        assert_eq!(order.unknown_for("a", None, GIVEN_UP + SECOND), GIVEN_UP + SECOND, "it is given up");
+        assert_eq!(order.unknown_for("a", None, 3 * GIVEN_UP), Duration::ZERO, "after a long silence");
+        order.unknown_for("b", None, 5 * GIVEN_UP);
+        assert_eq!(order.unknown.len(), 1);
     }
 
     #[test]

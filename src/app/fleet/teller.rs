@@ -11,6 +11,7 @@ use crate::fleet::streams::EVENTS;
 use crate::fleet::subject::{Subject, What, all, of_site};
 use crate::notify::Telling;
 use crate::results::AlarmChange;
+pub(super) use crate::results::NEWS_S;
 use crate::signal::LoopId;
 use std::collections::{HashSet, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -36,8 +37,6 @@ const UNDER_WAY: Duration = Duration::from_secs(3);
 const MOST_HELD: usize = 500;
 /// Longest wait for receivers by a centre that does not lead any more, or stops; then another tells of what they hold.
 const LET_GO: Duration = Duration::from_secs(5);
-/// What happened longer ago (s) is history, which nobody is told of.
-pub(super) const NEWS_S: f64 = 86_400.0;
 /// Changes and messages that are remembered.
 const REMEMBERED: usize = 4096;
 
@@ -274,7 +273,12 @@ impl Fleet {
         let is_enabled = self.scene.borrow().config.alarm.is_enabled(id.kind);
         let is_told = |change: &AlarmChange| change.told || self.firsts.is_repeated(change, at);
         let is_past = |change: &AlarmChange| change.transition.at < self.clock.now() - NEWS_S;
-        Some(change.filter(|change| is_enabled && !is_told(change) && !is_past(change)))
+        let change = change.filter(|change| is_enabled && !is_told(change) && !is_past(change));
+        // Its edge knows of no flood but its own.
+        Some(change.map(|change| {
+            let grouped = self.results.is_grouped(id, &change.transition);
+            AlarmChange { grouped, ..change }
+        }))
     }
 }
 
@@ -308,6 +312,7 @@ async fn end(message: Incoming, telling: Option<Telling>, noted: &Mutex<HashSet<
 mod tests {
     use super::*;
     use crate::alarm::Transition;
+    use crate::results::RestoredAlarm;
 
     fn change(at: f64) -> AlarmChange {
         let change = crate::notify::change();
@@ -358,6 +363,22 @@ mod tests {
         assert_eq!(told("north:dcs/collector_down"), Some(false), "it is switched off");
         assert_eq!(told("north:other/collector_down"), None);
         assert!(results.alarm(&AlarmId::named("north:L0/f_rising"), 0.0).is_none());
+    }
+
+    #[test]
+    fn what_belongs_to_a_flood_of_all_edges_is_told_as_such() {
+        let (fleet, results) = crate::app::fleet::tests::centre("north:L0");
+        let (own, now) = (AlarmId::named("north:L0/stiction"), fleet.clock.now());
+        let most = crate::alarm::Config::default().flood_raises;
+        let is_grouped = |back: usize| {
+            let change = AlarmChange { id: own.clone(), ..change(now - back as f64) };
+            let (id, saved) = (own.clone(), crate::alarm::Saved::default());
+            let kept = RestoredAlarm { id, saved, by: None, comment: None, detail: String::new() };
+            results.follow_alarm(kept, Some(change.clone()), now);
+            fleet.to_tell(&own, Some(change), (7, 1)).flatten().expect("it is news").grouped
+        };
+        let grouped: Vec<bool> = (0..most + 2).map(is_grouped).collect();
+        assert!(grouped[..most].iter().all(|own| !own) && grouped[most] && grouped[most + 1], "{grouped:?}");
     }
 
     #[test]

@@ -5,13 +5,14 @@ use super::waiting::drop_oldest;
 use super::{Shared, Tap, lock};
 use crate::signal::Sample;
 use crate::store::{Batch, Feed, Found, Row, Series};
+use std::borrow::Borrow;
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 
 /// Samples written in one go.
 const MAX_SAMPLES: usize = 200_000;
-/// Other rows written in one go.
+/// Other rows written in one go, and what was said together with the last of them.
 const MAX_ROWS: usize = 1000;
 /// A clock that goes back by less (s) was only corrected.
 const SET_BACK_S: f64 = 1.0;
@@ -26,15 +27,31 @@ pub(super) type Now = Box<dyn Fn() -> f64 + Send>;
 /// Takes what was not known into what there is; what changes by it is noted.
 pub(super) type Merge = Box<dyn Fn(Found) + Send>;
 
+/// A row that waits.
+#[derive(Debug)]
+struct Queued {
+    /// Number of what was said with it: all of that is kept or nothing.
+    said: u64,
+    row: Row,
+}
+
+impl Borrow<Row> for Queued {
+    fn borrow(&self) -> &Row {
+        &self.row
+    }
+}
+
 /// What the writer asks for what is new.
 pub(super) struct StoreFeed {
     shared: Arc<Shared>,
     clock: Now,
     merge: Merge,
     /// Rows that are not durable, oldest first, and about what memory they take.
-    rows: VecDeque<Row>,
+    rows: VecDeque<Queued>,
     bytes: usize,
     max_bytes: usize,
+    /// What was said so far that belongs together.
+    said: u64,
     batch: Batch,
     /// How far each ring was read for the batch, and the last stamp that was read.
     read: Vec<(Arc<Tap>, u64, Option<f64>)>,
@@ -74,6 +91,7 @@ impl StoreFeed {
             rows: VecDeque::new(),
             bytes: 0,
             max_bytes,
+            said: 0,
             batch: Batch::default(),
             read: Vec::new(),
             first: 0,
@@ -81,6 +99,11 @@ impl StoreFeed {
             back: Back::No,
             owed: 0,
         }
+    }
+
+    fn queue(&mut self, row: Row) {
+        self.bytes += row.bytes();
+        self.rows.push_back(Queued { said: self.said, row });
     }
 
     fn say_leaving(&self) {
@@ -91,7 +114,7 @@ impl StoreFeed {
     fn bound(&mut self) {
         let mut at = 0;
         while self.bytes > self.max_bytes && at < self.rows.len() {
-            if let Row::Diagnosis(row) = &mut self.rows[at] {
+            if let Row::Diagnosis(row) = &mut self.rows[at].row {
                 // What it worked on says nothing without what it said.
                 let whole = [row.report.take(), row.basis.take()];
                 let bytes: usize = whole.iter().flatten().map(Vec::len).sum();
@@ -118,9 +141,14 @@ impl Feed for StoreFeed {
     fn gather(&mut self) {
         let changes = std::mem::take(&mut *lock(&self.shared.changes));
         let own = std::mem::take(&mut *lock(&self.shared.rows));
-        for row in changes.into_changes().flat_map(rows).chain(own) {
-            self.bytes += row.bytes();
-            self.rows.push_back(row);
+        for change in changes.into_changes() {
+            self.said += 1;
+            rows(change).into_iter().for_each(|row| self.queue(row));
+        }
+        for row in own {
+            // What happened to a thing comes behind how it is since then.
+            self.said += u64::from(!matches!(row, Row::Transition(_)));
+            self.queue(row);
         }
         self.bound();
         let now = (self.clock)();
@@ -157,7 +185,11 @@ impl Feed for StoreFeed {
     }
 
     fn take(&mut self) -> &Batch {
-        self.batch.rows = self.rows.iter().take(MAX_ROWS).cloned().collect();
+        let mut end = MAX_ROWS.min(self.rows.len());
+        while end > 0 && self.rows.get(end).is_some_and(|next| next.said == self.rows[end - 1].said) {
+            end += 1;
+        }
+        self.batch.rows = self.rows.iter().take(end).map(|own| own.row.clone()).collect();
         self.batch.series.clear();
         self.read.clear();
         self.full = false;
@@ -199,8 +231,8 @@ impl Feed for StoreFeed {
                 tap.last.store(last.to_bits(), Relaxed);
             }
         }
-        for row in self.rows.drain(..self.batch.rows.len()) {
-            self.bytes -= row.bytes();
+        for own in self.rows.drain(..self.batch.rows.len()) {
+            self.bytes -= own.row.bytes();
         }
         if self.full {
             self.first += self.read.len();

@@ -5,6 +5,7 @@ use crate::alarm::AlarmId;
 use crate::results::{Change, KeptAlarm, ModelVersion};
 use crate::signal::LoopId;
 use crate::store::Row;
+use std::borrow::Borrow;
 use std::collections::{BTreeMap, HashSet, VecDeque};
 
 /// Changes that wait for the writer's next round; rows are made of them there.
@@ -49,13 +50,14 @@ fn state_of(row: &Row) -> Option<(&str, &str)> {
 }
 
 /// Drops rows for as long as `is_over` says so of the oldest that may go: all but the latest state of each thing.
-pub(super) fn drop_oldest(rows: &mut VecDeque<Row>, mut is_over: impl FnMut(&Row) -> bool) {
+pub(super) fn drop_oldest<T: Borrow<Row>>(rows: &mut VecDeque<T>, mut is_over: impl FnMut(&Row) -> bool) {
     let mut known = HashSet::new();
     // From the newest on, so that the first of each is the latest.
+    let newest_first = rows.iter().rev().map(Borrow::<Row>::borrow);
     let stay: Vec<bool> =
-        rows.iter().rev().map(|row| state_of(row).is_some_and(|state| known.insert(state))).collect();
+        newest_first.map(|row| state_of(row).is_some_and(|state| known.insert(state))).collect();
     let mut stay = stay.into_iter().rev();
-    rows.retain(|row| stay.next() == Some(true) || !is_over(row));
+    rows.retain(|row| stay.next() == Some(true) || !is_over(row.borrow()));
 }
 
 #[cfg(test)]

@@ -1,13 +1,16 @@
-//! The indicators of every loop over time: each look of the latest week, and the mean of each day before that.
+//! The indicators of every loop over time: the looks of the latest week, and the mean of each day before that.
 
 use crate::indicators::series::{COUNT, Values, over};
 use crate::serve::Health;
 use crate::signal::LoopId;
 use std::collections::{BTreeSet, HashMap, VecDeque};
 
-/// Time over which every look is kept (s), and the most of them.
+/// Time over which looks are kept (s).
 const WEEK_S: f64 = 604_800.0;
+/// Looks in it at most, beside the latest: those of a shorter period are kept so far apart, else they were of fewer hours.
 const LOOKS: usize = 400;
+/// See [`LOOKS`] (s).
+const APART_S: f64 = WEEK_S / LOOKS as f64;
 /// Days that are kept.
 pub(super) const DAYS: usize = 180;
 /// Length of a day (s).
@@ -57,8 +60,9 @@ impl HealthLog {
                 }
                 ended.push((id.clone(), of.days()));
             }
+            of.thin();
             of.looks.push_back((now, kept(own)));
-            while of.looks.len() > LOOKS || of.looks.front().is_some_and(|(t, _)| now - t > WEEK_S) {
+            while of.looks.front().is_some_and(|(t, _)| now - t > WEEK_S) {
                 of.looks.pop_front();
             }
         }
@@ -102,6 +106,16 @@ impl HealthLog {
 }
 
 impl OfLoop {
+    /// The latest look is the latest no more, and stays where it is far enough from the one before it.
+    fn thin(&mut self) {
+        let mut newest = self.looks.iter().rev().map(|(t, _)| *t);
+        if let (Some(last), Some(before)) = (newest.next(), newest.next())
+            && last - before < APART_S
+        {
+            self.looks.pop_back();
+        }
+    }
+
     /// When a look was due last (s), where the latest one is older than two periods at `now` (s). A time of the looks' own
     /// rhythm: it changes once a period, and not whenever somebody asks.
     fn missed(&self, now: f64, period_s: f64) -> Option<f64> {
@@ -145,6 +159,26 @@ mod tests {
         assert_eq!(days(&late), Some(found.days));
         again.keep_only(&BTreeSet::new());
         assert_eq!(again.of(&id, now, 3600.0), None);
+    }
+
+    #[test]
+    fn looks_of_a_short_period_are_of_a_whole_week_and_a_whole_day_too() {
+        let (mut log, id, minute) = (HealthLog::default(), LoopId::new("FIC1"), 60.0);
+        let mut days = Vec::new();
+        for at in 0..=8 * 1440 {
+            let hour = f64::from(at % 1440) / 60.0;
+            let now = f64::from(at) * minute;
+            days.extend(log.take(&[(id.clone(), [Some(hour); COUNT])], now));
+            assert_eq!(log.latest(&id, now, minute).and_then(|own| own[0]), Some(f64::from(hour as f32)));
+        }
+        let now = f64::from(8 * 1440) * minute;
+        let found = log.of(&id, now, minute).expect("known");
+        let first = found.looks.first().map_or(f64::NAN, |(t, _)| *t);
+        assert!(first - (now - WEEK_S) < 2.0 * APART_S, "from the beginning of the week on: {first}");
+        assert!(found.looks.len() <= LOOKS + 2, "{}", found.looks.len());
+        // Of the whole day: the mean of its hours.
+        let means: Vec<f64> = found.days.iter().filter_map(|(_, own)| own[0]).collect();
+        assert!(days.len() == 8 && means.iter().all(|mean| (mean - 12.0).abs() < 1.0), "{means:?}");
     }
 
     #[test]

@@ -86,7 +86,9 @@ impl WritebackControl {
         let enabled = config.loops.iter().filter(|_| recorder.is_some());
         let setups: Vec<LoopSetup> =
             enabled.filter_map(|own| self.setup(config, own, history, devices)).collect();
-        end_terms(history, self.clock.now(), |id| setups.iter().any(|own| own.id == *id));
+        let is_written = |id: &LoopId| setups.iter().any(|own| own.id == *id);
+        end_terms(history, self.clock.now(), is_written);
+        self.results.keep_reinforced(is_written);
         if let Some(recorder) = recorder {
             self.start(setups, recorder);
         }

@@ -157,6 +157,8 @@ denials! {
     ReadBack = "read_back_mismatch", "the device holds another value than was written";
     /// The audit log cannot be written.
     AuditFailed = "audit_failed", "the audit log cannot be written";
+    /// A withdrawal took too long, and no write failed.
+    NotAtZero = "not_at_zero", "the term was not at zero within withdraw_limit_s";
     /// ISE is worse.
     IseWorse = "ise_worse", "ISE exceeds what it was before, times ise_limit";
     /// Travel is worse.

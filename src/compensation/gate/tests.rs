@@ -166,6 +166,7 @@ impl World {
         if before.writes() && !state.writes() {
             for news in self.gate.take_news() {
                 if let Event::Moved { from: State::Withdrawing, to, cause, .. } = news.event {
+                    assert_eq!(news.tripped_by.is_some(), to == State::Tripped, "why it is {to:?}");
                     match cause {
                         Cause::AtZero => {
                             assert_eq!(self.dcs.held, 0.0, "left for {to:?} with a term in force")
@@ -414,6 +415,19 @@ fn a_device_that_takes_nothing_gets_no_heartbeat_after_the_limit() {
     let took = world.until_out();
     assert!((LIMITS.withdraw_limit_s..LIMITS.withdraw_limit_s + 1.1).contains(&took), "{took}");
     assert_eq!(world.gate.state(), State::Tripped);
+}
+
+#[test]
+fn a_ramp_that_takes_too_long_is_no_write_that_failed() {
+    let mut world = World::opened();
+    (0..3).for_each(|_| world.tick(1.0, 0.0));
+    assert_eq!(world.dcs.held, 2.0);
+    // 2 % at 0.1 %/s take 20 s, of which 8 s are allowed.
+    world.gate.limits.withdraw_rate = 0.1;
+    world.gate.withdraw("Cid", world.time).expect("active");
+    world.until_out();
+    let status = world.gate.status();
+    assert_eq!((status.state, status.tripped_by), (State::Tripped, Some(Denial::NotAtZero)));
 }
 
 #[test]

@@ -90,6 +90,8 @@ pub struct News {
     pub at: f64,
     /// What.
     pub event: Event,
+    /// What tripped it, while it is tripped: the move there says only how the term came to zero.
+    pub tripped_by: Option<Denial>,
 }
 
 /// What can happen.

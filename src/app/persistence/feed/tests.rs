@@ -1,6 +1,8 @@
 use super::*;
+use crate::alarm::{AlarmId, Kind, Saved};
 use crate::history::Ring;
-use crate::signal::Sample;
+use crate::results::{Change, KeptAlarm, ModelVersion};
+use crate::signal::LoopId;
 use crate::store::{AlarmRow, DiagnosisRow, ModelRow, TagName, TransitionRow};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64};
@@ -154,26 +156,26 @@ fn what_waits_is_bounded_and_the_oldest_reports_go_first() {
     };
     let rows = (0..4).map(row);
     for row in rows.chain([Row::Transition(TransitionRow::default())]) {
-        world.feed.bytes += row.bytes();
-        world.feed.rows.push_back(row);
+        world.feed.queue(row);
     }
     world.feed.bound();
     let reports: Vec<bool> = world
         .feed
         .rows
         .iter()
-        .filter_map(|row| match row {
+        .filter_map(|own| match &own.row {
             Row::Diagnosis(row) => Some(row.report.is_some() && row.basis.is_some()),
             _ => None,
         })
         .collect();
     assert_eq!(world.feed.rows.len(), 5, "no row is gone");
     assert!(world.feed.bytes <= 4000 && !reports[0] && reports[3], "{reports:?}");
-    let counted: usize = world.feed.rows.iter().map(Row::bytes).sum();
+    let counted: usize = world.feed.rows.iter().map(|own| own.row.bytes()).sum();
     assert_eq!(counted, world.feed.bytes);
     world.feed.max_bytes = 500;
     world.feed.bound();
-    assert!(world.feed.bytes <= 500 && matches!(world.feed.rows.back(), Some(Row::Transition(_))));
+    let newest = world.feed.rows.back().map(|own| &own.row);
+    assert!(world.feed.bytes <= 500 && matches!(newest, Some(Row::Transition(_))));
     world.feed.take();
     world.feed.settled();
     assert_eq!((world.feed.rows.len(), world.feed.bytes), (0, 0));
@@ -190,14 +192,39 @@ fn the_latest_states_stay_when_what_waits_is_too_much() {
     let model = Row::Model(ModelRow { control_loop: "A".into(), version: 3, ..ModelRow::default() });
     let later = (0..50).map(|_| Row::Transition(TransitionRow::default()));
     for row in [alarm(false), model.clone(), alarm(true)].into_iter().chain(later) {
-        world.feed.bytes += row.bytes();
-        world.feed.rows.push_back(row);
+        world.feed.queue(row);
     }
     world.feed.bound();
-    let (rows, dropped) = (&world.feed.rows, world.shared.dropped_rows.load(Relaxed));
-    assert_eq!((&rows[0], &rows[1]), (&model, &alarm(true)));
+    let rows: Vec<&Row> = world.feed.rows.iter().map(|own| &own.row).collect();
+    let dropped = world.shared.dropped_rows.load(Relaxed);
+    assert_eq!((rows[0], rows[1]), (&model, &alarm(true)));
     assert!(rows.len() > 2 && rows.iter().filter(|row| row.is_state()).count() == 2, "{rows:?}");
     assert_eq!(dropped as usize, 53 - rows.len());
-    assert_eq!(rows.iter().map(Row::bytes).sum::<usize>(), world.feed.bytes);
+    assert_eq!(rows.iter().map(|row| row.bytes()).sum::<usize>(), world.feed.bytes);
     assert!(world.feed.bytes <= 4000);
+}
+
+#[test]
+fn what_was_said_together_is_written_together() {
+    let mut world = world(&[], 1 << 30);
+    let kept = |subject: &str| KeptAlarm {
+        id: AlarmId::new(LoopId::new(subject), Kind::Stiction),
+        saved: Saved::default(),
+        transitions: Vec::new(),
+        acted: false,
+        by: None,
+        comment: None,
+        detail: String::new(),
+    };
+    // Three rows each: a thousand of them end within one.
+    for _ in 0..400 {
+        let model = Some((LoopId::new("A"), ModelVersion::default()));
+        let change = Change { run: None, model, alarms: vec![kept("A"), kept("B")] };
+        assert_eq!(lock(&world.shared.changes).put(change), 0);
+    }
+    world.feed.gather();
+    assert_eq!(world.feed.take().rows.len(), 1002);
+    assert!(world.feed.settled());
+    assert_eq!(world.feed.take().rows.len(), 198);
+    assert!(!world.feed.settled());
 }
