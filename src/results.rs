@@ -20,7 +20,7 @@ pub use crate::residual::Structure;
 pub use alarm_log::{AlarmChange, MOST_CHANGES};
 pub use alarms::{AlarmView, DeviceSeen, Said, TagsSeen};
 pub use basis::{Basis, Extent};
-pub use board::{Order, Wanted};
+pub use board::{NEWS_S, Order, Wanted};
 pub use compensated::{Before, Compensated, Seen};
 pub use events::{MOST_EVENTS, Past};
 pub use glance::Glance;
@@ -330,11 +330,27 @@ impl Results {
             };
         }
         if let gate::Event::Moved { to, cause, .. } = &news.event {
-            let tripped =
-                (*to == gate::State::Tripped).then(|| format!("closed by a fault: {}", cause.code()));
-            self.watch_trip(id, tripped, news.at);
+            match (to, cause) {
+                // Told as soon as a fault closes the gate: a reload or a stop may come before it has tripped.
+                (gate::State::Withdrawing, gate::Cause::Denied(why))
+                    if *why != gate::Denial::GrantExpired =>
+                {
+                    self.watch_trip(id, Some(words::tripped(Some(*why), *cause)), news.at);
+                }
+                (gate::State::Withdrawing, _) => {}
+                (gate::State::Tripped, _) => {
+                    self.watch_trip(id, Some(words::tripped(news.tripped_by, *cause)), news.at);
+                }
+                _ => self.watch_trip(id, None, news.at),
+            }
         }
         self.tell(Event::Writeback(id.clone(), news.clone()));
+    }
+
+    /// Terms may be in force of these loops only: of another whose write-back failed nobody says that its term has ended.
+    pub fn keep_reinforced(&self, is_written: impl Fn(&LoopId) -> bool) {
+        let mut reinforced = self.reinforced.write().unwrap_or_else(PoisonError::into_inner);
+        reinforced.retain(is_written);
     }
 
     /// Takes the end of a run, lets the alarm see it and tells everybody. A run of a loop that is no longer there is

@@ -29,7 +29,7 @@ fn a_good_file_is_summed_up() {
          boiler plc: localhost:5021 unit 3, 4 tags in 2 requests every 5000 ms\n\
          memory   0.4 MB for 9 tags, 4096 samples each; 0.7 MB if their values are not 32-bit floats\n\
          listen   127.0.0.1:8080\n\
-         access   everybody on this machine may read everything and acknowledge alarms, there is no log-in\n"
+         access   everybody on this machine may read and do everything: there is no log-in\n"
     );
     assert_eq!(stdout, expected);
 }

@@ -167,7 +167,7 @@ fn formats_and_arguments() {
     let text = stictiond(&["diagnose", path, "--format", "text"]);
     assert_eq!(text.status.code(), Some(0));
     let text = String::from_utf8(text.stdout).unwrap();
-    assert!(text.starts_with("read as:    , separated, time in seconds, op from \"op\", pv from \"pv\"\nloop        formats\nverdict     not identifiable\n"), "{text}");
+    assert!(text.starts_with("read as:    , separated, time in seconds, op from \"op\", pv from \"pv\"\nloop        formats\nverdict     cannot be told\n"), "{text}");
     assert_eq!(stictiond(&["diagnose", path, "--ts", "2.5"]).status.code(), Some(0));
     for args in [
         &["diagnose"][..],

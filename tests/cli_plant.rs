@@ -74,7 +74,11 @@ fn a_folder_gives_groups_a_work_list_and_a_page_that_stands_alone() {
     }
     let text = stictiond(&["plant", path, "--format", "text"]);
     let text = String::from_utf8(text.stdout).expect("text");
-    assert!(text.contains("suspected source: ") && text.contains("skipped broken: "), "{text}");
+    assert!(
+        (text.contains("suspected source: ") || text.contains("likeliest source: "))
+            && text.contains("skipped broken: "),
+        "{text}"
+    );
 }
 
 #[test]

@@ -20,6 +20,8 @@ use stictiond::signal::{self, LoopId, Record};
 /// Points of a trend in the picture.
 const POINTS: usize = 2000;
 const HOUR: f64 = 3600.0;
+/// The verdict of a window that could not be judged.
+const NOT_IDENTIFIABLE: &str = "not_identifiable";
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -186,7 +188,15 @@ fn page(report: &BackfillReport) -> String {
         };
     }
     if report.alarms.is_empty() {
-        out += "no alarm: the valve never stuck in two of three windows\n";
+        let all = report.items.len();
+        let judged = report.items.iter().filter(|item| item.verdict != NOT_IDENTIFIABLE).count();
+        let _ = match judged {
+            0 => writeln!(out, "no alarm: none of {all} windows could be judged"),
+            _ => writeln!(
+                out,
+                "no alarm: {judged} of {all} windows could be judged, and no two of three of these in a row say that the valve sticks"
+            ),
+        };
     }
     out
 }
@@ -197,13 +207,18 @@ fn line(item: &BackfillItem) -> String {
     let good = item.good_share.map_or("-".into(), |share| format!("{:.1} %", share * 100.0));
     format!(
         "{:17} {:>8}  {:17} {:>9} {:>6}  {}",
-        item.verdict,
+        verdict_words(&item.verdict),
         number(item.f, 3),
         interval,
         number(item.delta_aic, 0),
         good,
-        if item.verdict == "not_identifiable" { item.reason.clone() } else { item.effects.join(", ") }
+        if item.verdict == NOT_IDENTIFIABLE { item.reason.clone() } else { item.effects.join(", ") }
     )
+}
+
+/// A verdict as `stictiond diagnose` says it.
+fn verdict_words(verdict: &str) -> String {
+    if verdict == NOT_IDENTIFIABLE { "cannot be told".into() } else { verdict.replace('_', " ") }
 }
 
 /// Good samples over time, and those that are not as places.

@@ -166,20 +166,20 @@ fn page(found: &BenchmarkReport) -> String {
     // Writing into a String cannot fail.
     let _ = writeln!(
         out,
-        "{:<22} {:<20} {:>6} {:>6}  {:>7} {:<20} {:>6}  {:<20} ms",
+        "{:<22} {:<20} {:>6} {:>11}  {:>7} {:<20} {:>11}  {:<20} ms",
         "method",
         "sticks: found",
         "missed",
-        "silent",
+        "cannot tell",
         "cleared",
         "false alarms",
-        "silent",
+        "cannot tell",
         "right where told"
     );
     for judge in &found.judges {
         let _ = writeln!(
             out,
-            "{:<22} {:<20} {:>6} {:>6}  {:>7} {:<20} {:>6}  {:<20} {:.1}",
+            "{:<22} {:<20} {:>6} {:>11}  {:>7} {:<20} {:>11}  {:<20} {:.1}",
             judge.method,
             share(&judge.found),
             judge.missed,

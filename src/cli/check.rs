@@ -102,7 +102,7 @@ fn summary(config: &Config, plant: &Plant) -> (String, Vec<String>) {
         let Some(own) = control_loop.writeback.as_ref().filter(|own| own.enabled) else { continue };
         let _ = writeln!(
             out,
-            "WRITES   {}: holding registers {} (term) and {} (heartbeat) of {}, at most ±{} % of OP",
+            "WRITES   {}: holding registers {} (term) and {} (heartbeat) of {}, at most ±{} % of OP's span",
             control_loop.id, own.term_address, own.heartbeat_address, own.device, own.clamp_percent
         );
     }
@@ -144,10 +144,11 @@ fn parts(config: &Config) -> Vec<&'static str> {
 /// Who gets in, in a sentence: nobody is to be locked out, or let in, by surprise.
 fn access(config: &Config, faults: &mut Vec<String>) -> String {
     let server = &config.server;
-    let everybody = if serve::is_loopback(server.listen) {
-        "everybody on this machine"
+    // Without a log-in write-back is acted on from this machine only.
+    let (everybody, all) = if serve::is_loopback(server.listen) {
+        ("everybody on this machine", "read and do everything")
     } else {
-        "everybody who reaches it"
+        ("everybody who reaches it", "read everything and do everything but write-back")
     };
     let way = match &server.tls {
         Some(tls) => match serve::Tls::load(tls) {
@@ -165,7 +166,7 @@ fn access(config: &Config, faults: &mut Vec<String>) -> String {
         None => "; in the clear, so it can be read and changed on the way".to_string(),
     };
     let Some(access) = &config.access else {
-        return format!("{everybody} may read everything and acknowledge alarms, there is no log-in{way}");
+        return format!("{everybody} may {all}: there is no log-in{way}");
     };
     let reads = if access.anyone_may_read {
         format!("{everybody} may read, changes need")

@@ -18,7 +18,8 @@ pub struct Args {
     /// How to print the report [default: text on a terminal, else json]
     #[arg(long, value_enum)]
     format: Option<Format>,
-    /// Sample period to resample to (s); the median of the stamps when left out
+    /// Sample period to resample to (s); when left out, the controller's scan where the record shows it, else the period of the
+    /// stamps
     #[arg(long, value_name = "SECONDS", value_parser = above_zero)]
     ts: Option<f64>,
     /// Span of OP in its own unit, 100 for per cent: f is then told in % of it

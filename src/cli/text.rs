@@ -15,7 +15,7 @@ pub fn page(report: &Report) -> String {
     let verdict = match report.verdict {
         ReportVerdict::Stiction => "STICTION",
         ReportVerdict::NoStiction => "no stiction",
-        ReportVerdict::NotIdentifiable => "not identifiable",
+        ReportVerdict::NotIdentifiable => "cannot be told",
     };
     let mut line = |name: &str, text: String| {
         // Writing into a String cannot fail.
@@ -38,7 +38,8 @@ pub fn page(report: &Report) -> String {
         }
         line("f", text);
         if let (ReportVerdict::NoStiction, Some([_, high])) = (report.verdict, report.f_ci95) {
-            line("", format!("friction up to {} {unit} could be hidden in this record", number(Some(high))));
+            let high = number(Some(high));
+            line("", format!("no sticking shown; f up to {high} {unit} could be hidden"));
         }
         if report.f_unit_assumed {
             let span = match report.op_span {
@@ -52,7 +53,7 @@ pub fn page(report: &Report) -> String {
                 line(
                     "",
                     format!(
-                        "f counts from {least} {unit} on: per cent of what OP covered, for its span is no less"
+                        "sticking counts from f = {least} {unit} on: what OP covered is taken for its span"
                     ),
                 );
             }
@@ -309,7 +310,11 @@ mod tests {
         };
         report.residual.candidates =
             [("gain_change", 0.48), ("load_step", 0.41), ("none", 0.04)].map(candidate).into();
-        let between = "the record lies between a gain change (48 %) and a load step (41 %)\n";
+        let between = between(&report.residual.kinds()).expect("no kind is sure") + "\n";
+        assert!(
+            between.contains("a gain change (48 %)") && between.contains("a load step (41 %)"),
+            "{between}"
+        );
         assert!(page(&report).contains(&format!("\neffects     {between}")), "{}", page(&report));
         report.residual.effects = vec![ReportEffect {
             kind: "oscillating_load".into(),
@@ -322,7 +327,7 @@ mod tests {
         let named = "\neffects     oscillating_load, 99 %: period 733 s\n            ";
         assert!(page(&report).contains(&format!("{named}{between}")), "{}", page(&report));
         report.residual.candidates = [("none", 0.9), ("load_step", 0.1)].map(candidate).into();
-        assert!(!page(&report).contains("lies between"));
+        assert!(!page(&report).contains("the record "));
         assert!(!page(&report).contains("dAIC 31"));
     }
 

@@ -83,7 +83,7 @@ pub struct Notice {
     pub groups: Vec<String>,
     /// When its condition was last raised (s).
     pub raised_at: Option<f64>,
-    /// What the condition is, in one line.
+    /// What the condition is, or was when it was last there, in one line.
     pub detail: String,
     /// Friction of its loop, by the latest diagnosis.
     pub friction: Option<Friction>,
@@ -93,7 +93,7 @@ pub struct Notice {
     pub comment: Option<String>,
     /// Raised in a flood.
     pub grouped: bool,
-    /// The loop that its own is expected to calm down with.
+    /// The loop that its own may calm down with.
     pub swings_with: Option<LoopId>,
     /// Where people see it.
     pub link: Option<String>,
@@ -164,7 +164,7 @@ impl Source {
         })
     }
 
-    /// The loop with which that of an alarm is expected to calm down. What its own valve or signal says is its own.
+    /// The loop with which that of an alarm may calm down. What its own valve or signal says is its own.
     pub(super) fn swings_with(&self, alarm: &AlarmId) -> Option<LoopId> {
         let follows = matches!(alarm.kind, Kind::UnexplainedResidual | Kind::NotIdentifiable);
         alarm.of_loop().filter(|_| follows).and_then(|id| self.results.swings_with(id))
@@ -260,6 +260,18 @@ pub(super) mod tests {
         }
     }
 
+    /// Of a plant without loops.
+    pub fn source() -> Source {
+        Source {
+            results: Arc::new(Results::new(&[], 5, &crate::alarm::Config::default())),
+            places: Arc::default(),
+            now: Arc::new(|| 0.0),
+            site: None,
+            public_url: None,
+            outlet: None,
+        }
+    }
+
     pub fn change() -> AlarmChange {
         AlarmChange {
             number: 1,
@@ -319,14 +331,7 @@ pub(super) mod tests {
         let groups = |places: &Places, id| places.of(&AlarmId::named(id)).unwrap_or_default();
         let first = places(&[("A", "unit 10"), ("B", "unit 20")], &["dcs"]);
         let second = places(&[("B", ""), ("C", "unit 30")], &[]).after(&first);
-        let source = Source {
-            results: Arc::new(Results::new(&[], 5, &crate::alarm::Config::default())),
-            places: Arc::new(RwLock::new(Arc::new(second.clone()))),
-            now: Arc::new(|| 0.0),
-            site: None,
-            public_url: None,
-            outlet: None,
-        };
+        let source = Source { places: Arc::new(RwLock::new(Arc::new(second.clone()))), ..source() };
         for (id, expected) in [
             ("A/stiction", vec!["unit 10"]),
             ("dcs/collector_down", vec!["unit 10"]),

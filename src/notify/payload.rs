@@ -3,6 +3,7 @@
 use super::batch::Digest;
 use super::notice::{Friction, Notice, Source};
 use super::time::iso;
+use crate::results::words::short;
 use crate::signal::LoopId;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -118,11 +119,11 @@ pub(super) fn alerts(alerts: &[Alert<'_>]) -> String {
     json(&alerts)
 }
 
-/// Friction in a person's numbers: `f 2.50 % OP (2.40 to 2.60)`.
+/// Friction in a person's numbers: `f 2.50 % OP, half of what the valve ignores (95 %: 2.40 to 2.60)`.
 pub(super) fn friction(friction: &Friction) -> String {
-    let mut text = format!("f {:.2} {}", friction.f, friction.unit);
+    let mut text = format!("f {} {}, half of what the valve ignores", short(friction.f), friction.unit);
     if let Some([low, high]) = friction.interval {
-        text += &format!(" ({low:.2} to {high:.2})");
+        text += &format!(" (95 %: {} to {})", short(low), short(high));
     }
     text
 }
@@ -130,4 +131,20 @@ pub(super) fn friction(friction: &Friction) -> String {
 fn json(value: &impl Serialize) -> String {
     // Structs of texts and finite numbers always have a JSON.
     serde_json::to_string(value).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn friction_is_told_in_figures_that_suit_its_unit() {
+        let of = |f, interval, unit| friction(&Friction { f, interval, unit, evidence: None });
+        let percent = "f 2.50 % OP, half of what the valve ignores (95 %: 2.40 to 2.60)";
+        assert_eq!(of(2.5, Some([2.4, 2.6]), "% OP"), percent);
+        // OP may be a share of its span.
+        let share = "f 0.00412 OP units, half of what the valve ignores (95 %: 0.00380 to 0.0110)";
+        assert_eq!(of(0.004_12, Some([0.0038, 0.011]), "OP units"), share);
+        assert_eq!(of(0.0, None, "% OP"), "f 0 % OP, half of what the valve ignores");
+    }
 }

@@ -54,7 +54,13 @@ impl AlarmLog {
 
     /// Whether this change is remembered.
     pub fn has(&self, id: &AlarmId, transition: &Transition) -> bool {
-        self.kept.iter().rev().any(|own| own.id == *id && own.transition == *transition)
+        self.find(id, transition).is_some()
+    }
+
+    /// This change, where it is remembered.
+    pub fn find(&self, id: &AlarmId, transition: &Transition) -> Option<&AlarmChange> {
+        let same = |own: &&Arc<AlarmChange>| own.id == *id && own.transition == *transition;
+        self.kept.iter().rev().find(same).map(|own| &**own)
     }
 
     /// Takes back what was kept, oldest first, before what there is: once or again, at the start or when it comes to light.

@@ -4,7 +4,7 @@ use super::alarm_log::AlarmChange;
 use super::board::{Board, News, Order, Standing, Wanted};
 use super::kept::RestoredAlarm;
 use super::{Event, ModelVersion, Results, Run, Summary};
-use crate::alarm::{Action, AlarmId, Config, FloodView, Kind, Priority, Refusal, State};
+use crate::alarm::{Action, AlarmId, Config, FloodView, Kind, Priority, Refusal, State, Transition};
 use crate::signal::LoopId;
 use std::collections::{HashMap, HashSet};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -34,7 +34,7 @@ pub struct AlarmView {
     pub stale: bool,
     /// Raised in a flood.
     pub grouped: bool,
-    /// What the condition is, in one line; empty before it ever held.
+    /// What the condition is, or was when it last held, in one line; empty before it ever held.
     pub detail: String,
     /// Who acted last.
     pub by: Option<String>,
@@ -110,6 +110,10 @@ impl Results {
                 if !follows && board.alarms.get(&tags).is_some_and(|own| own.follows) {
                     // The collector is back: what its tags were like without it says nothing.
                     board.level(&tags, None, now, news);
+                }
+                if !follows && board.alarms.get(&identifiable).is_some_and(|own| own.follows) {
+                    // Nor does it that no diagnosis could be made then: else every loop would be told at once.
+                    board.change(&identifiable, None, None, news, |alarm, _| alarm.leave_out(now));
                 }
                 board.suppress(&tags, follows, now, news);
                 board.suppress(&identifiable, follows, now, news);
@@ -234,10 +238,19 @@ impl Results {
     pub fn tick(&self, now: f64) {
         self.flood(now);
         self.with_board(|board, news| {
-            let ids: Vec<_> =
-                board.alarms.iter().filter(|(_, own)| own.is_over(now)).map(|(id, _)| id.clone()).collect();
+            // A clock that was set back keeps nothing silent for longer than anybody may.
+            let latest = now + board.config.max_shelve_s;
+            let is_due = |own: &Standing| {
+                let until = own.alarm.flags().shelved_until;
+                own.is_over(now) || until.is_some_and(|until| until > latest)
+            };
+            let due = board.alarms.iter().filter(|(_, own)| is_due(own));
+            let ids: Vec<AlarmId> = due.map(|(id, _)| id.clone()).collect();
             for id in ids {
-                board.change(&id, None, None, news, |alarm, _| alarm.tick(now));
+                board.change(&id, None, None, news, |alarm, config| {
+                    alarm.bound_shelving(now, config);
+                    alarm.tick(now)
+                });
             }
         });
     }
@@ -274,9 +287,29 @@ impl Results {
         self.alarms.lock().orders.0 = Some(order);
     }
 
-    /// Takes an alarm as another machine has it, which is the only one to change it, and what happened to it there.
-    pub fn follow_alarm(&self, kept: RestoredAlarm, change: Option<AlarmChange>) {
-        self.with_board(|board, news| board.follow(kept, change, news));
+    /// Takes an alarm as another machine has it, which is the only one to change it, and what happened to it there; we hear of
+    /// it at `now`.
+    pub fn follow_alarm(&self, kept: RestoredAlarm, change: Option<AlarmChange>, now: f64) {
+        self.with_board(|board, news| board.follow(kept, change, now, news));
+    }
+
+    /// Whether a change belongs to a flood; of one that is not remembered, whether its alarm does.
+    pub fn is_grouped(&self, id: &AlarmId, transition: &Transition) -> bool {
+        let board = self.alarms.lock();
+        let own = board.alarms.get(id).is_some_and(|own| own.grouped);
+        board.log.find(id, transition).map_or(own, |change| change.grouped)
+    }
+
+    /// Alarms that another configuration did not have begin anew at `now`: those of other loops and collectors than its, and of
+    /// kinds that it had switched off.
+    pub fn begin_anew(&self, (loops, devices): (&[LoopId], &[LoopId]), config: &Config, now: f64) {
+        let (loops, devices): (HashSet<&LoopId>, HashSet<&LoopId>) =
+            (loops.iter().collect(), devices.iter().collect());
+        let was_there = |id: &AlarmId| {
+            let known = if id.kind.of_device() { &devices } else { &loops };
+            known.contains(&id.subject) && config.is_enabled(id.kind)
+        };
+        self.with_board(|board, news| board.begin_anew(was_there, now, news));
     }
 
     /// The design that the configuration in force has for its alarms, from `now` on.

@@ -95,6 +95,26 @@ fn keeps_pending(kind: Kind) -> bool {
     kind == Kind::NotIdentifiable
 }
 
+/// What happened on another machine longer ago (s) when we hear of it is history: nobody is told of it, and it is no flood.
+pub const NEWS_S: f64 = 86_400.0;
+
+/// Whether an alarm is grouped in the flood after something happened to it at `now`, that was or was not before.
+fn grouped(
+    was: bool,
+    cause: Cause,
+    priority: Priority,
+    now: f64,
+    (flood, config): (&mut Flood, &Config),
+) -> bool {
+    match cause {
+        Cause::Raised => flood.raised(priority, now, config),
+        Cause::Cleared | Cause::Acknowledged => false,
+        // It is counted in the flood already, and what is urgent is never grouped.
+        Cause::MoreUrgent => was && priority < Priority::High,
+        _ => was,
+    }
+}
+
 /// What came of something: what is to be kept, and what is to be told.
 #[derive(Debug, Default)]
 pub(super) struct News {
@@ -149,13 +169,8 @@ impl Board {
         }
         let priority = own.alarm.priority().unwrap_or(self.config.priority(id.kind, None));
         for transition in &transitions {
-            match transition.cause {
-                Cause::Raised => own.grouped = self.flood.raised(priority, transition.at, &self.config),
-                Cause::Cleared | Cause::Acknowledged => own.grouped = false,
-                // It is counted in the flood already, and what is urgent is never grouped.
-                Cause::MoreUrgent => own.grouped &= priority < Priority::High,
-                _ => {}
-            }
+            let flood = (&mut self.flood, &self.config);
+            own.grouped = grouped(own.grouped, transition.cause, priority, transition.at, flood);
             let Said { by, comment } = said.cloned().unwrap_or_default();
             news.told.push(self.log.push(AlarmChange {
                 number: 0,
@@ -227,8 +242,9 @@ impl Board {
         self.change(&kept.id, None, detail, news, |alarm, config| alarm.merge(kept.saved, now, config));
     }
 
-    /// Takes an alarm as another machine has it, which is the only one to change it, and what happened to it there.
-    pub fn follow(&mut self, kept: RestoredAlarm, change: Option<AlarmChange>, news: &mut News) {
+    /// Takes an alarm as another machine has it, which is the only one to change it, and what happened to it there. The flood is
+    /// that of all machines together, by our clock: they come here at once, whenever each was raised.
+    pub fn follow(&mut self, kept: RestoredAlarm, change: Option<AlarmChange>, now: f64, news: &mut News) {
         let RestoredAlarm { id, saved, by, comment, detail } = kept;
         if !self.has(&id) {
             // Of a loop that is gone how it ended is kept: else it would stand again when the loop is back.
@@ -238,10 +254,18 @@ impl Board {
             }
             return;
         }
-        let change = change.filter(|change| !self.log.has(&id, &change.transition));
+        let mut change = change.filter(|change| !self.log.has(&id, &change.transition));
+        let mut is_grouped = self.alarms.get(&id).is_some_and(|own| own.grouped);
+        if let Some(change) = &mut change {
+            let Transition { at, cause, .. } = change.transition;
+            let is_past = cause == Cause::Raised && at < now - NEWS_S;
+            let flood = (&mut self.flood, &self.config);
+            is_grouped = !is_past && grouped(is_grouped, cause, change.priority, now, flood);
+            change.grouped = is_grouped;
+        }
         let alarm = Alarm::restored(id.kind, &self.config, saved.clone());
         let said = Said { by: by.clone(), comment: comment.clone() };
-        let standing = Standing { alarm, said, detail: detail.clone(), grouped: false, follows: false };
+        let standing = Standing { alarm, said, detail: detail.clone(), grouped: is_grouped, follows: false };
         let before = self.alarms.insert(id.clone(), standing);
         let transitions: Vec<Transition> = change.iter().map(|change| change.transition).collect();
         if transitions.is_empty() && before.is_some_and(|own| own.alarm.saved() == saved) {
@@ -281,6 +305,15 @@ impl Board {
         let known: HashSet<LoopId> = names.iter().cloned().collect();
         self.forget(|id| !id.kind.of_device() || known.contains(&id.subject), now, news);
         self.devices = known;
+    }
+
+    /// Ends what stands of alarms that were not there before. It was kept at a time after which nobody saw it go, and nobody was
+    /// told that it is over.
+    pub fn begin_anew(&mut self, was_there: impl Fn(&AlarmId) -> bool, now: f64, news: &mut News) {
+        let new: Vec<AlarmId> = self.alarms.keys().filter(|id| !was_there(id)).cloned().collect();
+        for id in new {
+            self.change(&id, None, None, news, |alarm, _| alarm.forget(now));
+        }
     }
 
     /// Drops all alarms but those that stay, while the configuration that has them is still in force. Nothing would ever clear
@@ -387,5 +420,5 @@ impl Board {
 
 fn rising(line: Line, summary: &Summary) -> String {
     let unit = super::f_unit(summary.f_in_percent);
-    words::rising(line.rise, line.low, line.span_s / 86_400.0, unit)
+    words::rising(line.rise, line.low, line.span_s, unit)
 }

@@ -55,9 +55,9 @@ impl From<Diagnosis> for Judged {
 }
 
 impl Judged {
-    /// The findings that replace the diagnosis, see [`Findings::decide`].
+    /// The findings that replace the diagnosis, see [`Findings::replaces_diagnosis`].
     pub fn replaced_by(&self) -> Option<&Findings> {
-        self.findings.as_ref().filter(|found| found.decide())
+        self.findings.as_ref().filter(|found| found.replaces_diagnosis())
     }
 
     /// The verdict that counts.

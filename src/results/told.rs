@@ -51,8 +51,9 @@ impl Entry {
 
 impl Results {
     /// Takes a run that another machine has recorded, with the model after it, where that is new: alarms follow from what
-    /// that machine says of them, not from this. False for one that is known already, or whose loop is not there.
-    pub fn learn(&self, run: Run, model: Option<ModelVersion>) -> bool {
+    /// that machine says of them, not from this. False for one that is known already, or whose loop is not there. What is of
+    /// later than `now` was stamped by a clock that was set back since, and is no later than this.
+    pub fn learn(&self, run: Run, model: Option<ModelVersion>, now: f64) -> bool {
         let run = Arc::new(run);
         let Some(entry) = self.entry(&run.id) else { return false };
         let summary = run.summary();
@@ -64,7 +65,8 @@ impl Results {
             entry.summaries.pop_front();
         }
         entry.summaries.push_back(summary.clone());
-        let is_latest = entry.summaries.iter().all(|known| known.time <= summary.time);
+        let is_later = |known: &Summary| known.time > summary.time && known.time <= now;
+        let is_latest = !entry.summaries.iter().any(is_later);
         if let Outcome::Elsewhere(told) = &run.outcome
             && is_latest
         {

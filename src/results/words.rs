@@ -2,6 +2,7 @@
 //! messages say the same, because they all take it from here. `tests/words.txt` has every sentence; read them as a set.
 
 use super::{Compensated, Seen, Summary, f_unit};
+use crate::compensation::gate::{Cause, Denial};
 
 mod effects;
 
@@ -46,15 +47,14 @@ impl Effect {
     }
 }
 
-/// Between which kinds a record lies: where neither `none` nor any other of them has more than half. In one clause.
+/// Between which kinds a record lies: where neither `none` nor any other of them has more than half. In one clause. `none` is
+/// no effect beside those that are named already, so it is not told as no effect at all.
 pub fn between(candidates: &[(&str, f64)]) -> Option<String> {
     if candidates.is_empty() || candidates.iter().any(|(_, posterior)| *posterior > 0.5) {
         return None;
     }
-    let name = |kind: &str| match kind {
-        "none" => "no other effect".to_string(),
-        _ => effect(kind, None).map_or_else(|| kind.replace('_', " "), |own| own.name.to_string()),
-    };
+    let name =
+        |kind: &str| effect(kind, None).map_or_else(|| kind.replace('_', " "), |own| own.name.to_string());
     // Two places of one kind are one word.
     let mut kinds: Vec<(&str, f64)> = Vec::new();
     for (kind, posterior) in candidates {
@@ -63,13 +63,22 @@ pub fn between(candidates: &[(&str, f64)]) -> Option<String> {
             None => kinds.push((kind, *posterior)),
         }
     }
-    let told = kinds.iter().filter(|(_, posterior)| *posterior >= TOLD_FROM);
-    let told: Vec<String> =
-        told.map(|(kind, posterior)| format!("{} ({})", name(kind), percent(*posterior))).collect();
-    match &told[..] {
-        [] => None,
-        [one] => Some(format!("the record may show {one}")),
-        [others @ .., last] => Some(format!("the record lies between {} and {last}", others.join(", "))),
+    kinds.retain(|(_, posterior)| *posterior >= TOLD_FROM);
+    let told = |(kind, posterior): &(&str, f64)| format!("{} ({})", name(kind), percent(*posterior));
+    let (none, kinds): (Vec<_>, Vec<_>) = kinds.into_iter().partition(|(kind, _)| *kind == "none");
+    let kinds: Vec<String> = kinds.iter().map(told).collect();
+    let none = none.first().map(|(_, posterior)| percent(*posterior));
+    match (&kinds[..], none) {
+        ([], _) => None,
+        ([one], None) => Some(format!("the record may show {one}")),
+        ([one], Some(none)) => Some(format!("the record cannot tell {one} from none ({none})")),
+        ([one, other], None) => Some(format!("the record cannot tell {one} from {other}")),
+        (all, Some(none)) => {
+            Some(format!("the record cannot tell {} and none of them ({none}) apart", all.join(", ")))
+        }
+        ([others @ .., last], None) => {
+            Some(format!("the record cannot tell {} and {last} apart", others.join(", ")))
+        }
     }
 }
 
@@ -133,26 +142,32 @@ pub struct Verdict<'a> {
 impl Verdict<'_> {
     /// In a sentence or two: what the valve does with a reversal of OP, which is what 2f means.
     pub fn words(&self) -> String {
-        let band =
-            |f: Option<f64>| f.filter(|f| *f > 0.0).map(|f| format!("{} {}", shortest(2.0 * f), self.unit));
-        let by_a_term = self.outcome == "stiction" || self.reason_code == Some("compensated");
+        let band = |f: Option<f64>| {
+            let f = f.filter(|f| f.is_finite() && *f > 0.0)?;
+            Some(format!("{} {}", shortest(2.0 * f), self.unit))
+        };
+        // A term hides friction: beside one a verdict without friction says nothing of the valve either.
+        let by_a_term =
+            matches!(self.outcome, "stiction" | "no_stiction") || self.reason_code == Some("compensated");
         let compensated = self.compensated.filter(|_| by_a_term);
         if let Some(own) = compensated {
-            return "The valve is compensated. ".to_string()
+            return "Write-back moved the valve in this record. ".to_string()
                 + &match (own.seen, band(self.f), band(own.f_before)) {
                     (Seen::Consistent, Some(now), Some(_)) => {
-                        format!("It sticks as before: it ignores the first {now} of each reversal.")
+                        format!("The valve sticks as before: it ignores the first {now} of each reversal.")
                     }
                     (Seen::Changed, Some(now), Some(before)) => {
                         format!(
-                            "It now ignores the first {now} of each reversal. Before compensation it ignored {before}."
+                            "The valve now ignores the first {now} of each reversal. Before compensation it ignored {before}."
                         )
                     }
                     (Seen::Hidden, _, Some(before)) => format!(
-                        "Before compensation it ignored the first {before} of each reversal. That is no longer visible."
+                        "Before compensation the valve ignored the first {before} of each reversal. That is no longer visible."
                     ),
-                    (_, Some(now), _) => format!("It ignores the first {now} of each reversal."),
-                    _ => "Whether it sticks is not visible.".to_string(),
+                    (_, Some(now), _) => {
+                        format!("The valve sticks: it ignores the first {now} of each reversal.")
+                    }
+                    _ => "Whether the valve sticks is not visible.".to_string(),
                 };
         }
         match self.outcome {
@@ -164,9 +179,12 @@ impl Verdict<'_> {
                 let hidden = band(self.f_high).map(|band| {
                     format!(" If the valve sticks at all, it ignores at most {band} of each reversal.")
                 });
-                "No sticking is shown.".to_string() + &hidden.unwrap_or_default()
+                // Friction too small to matter may be shown all the same.
+                "No sticking that matters is shown.".to_string() + &hidden.unwrap_or_default()
             }
-            "deadline_exceeded" => "The diagnosis did not end in time.".to_string(),
+            "deadline_exceeded" => {
+                "The diagnosis did not end in time. The machine may be too busy.".to_string()
+            }
             "panicked" => "The diagnosis failed. The daemon's log says why.".to_string(),
             _ => {
                 let known = self.reason_code.and_then(not_identifiable);
@@ -196,49 +214,86 @@ impl Summary {
 /// Why nothing can be said, and what to check.
 fn not_identifiable(code: &str) -> Option<(&'static str, &'static str)> {
     Some(match code {
-        "too_short" => ("there is not enough data yet", ""),
-        "no_time_base" => ("the time stamps make no sense", ""),
-        "gaps" => ("too much of the data is missing or bad", ""),
-        "flat_op" => ("OP does not move", ""),
-        "flat_pv" => ("PV stands still", " Check the transmitter."),
-        "saturated" => ("OP is at its limit", " Check whether the valve is shut off or fully open."),
-        "manual" => ("the loop is not in automatic", ""),
+        "too_short" => ("there is not enough data yet", " If this lasts, check why samples are missing."),
+        "no_time_base" => ("the time stamps give no sampling period", " Check the clock of the source."),
+        "gaps" => ("too much of the data is missing or bad", " Check the tags and the connection."),
+        "flat_op" => {
+            ("OP does not move", " Check whether the loop is in manual, and whether this is its OP.")
+        }
+        "flat_pv" => (
+            "PV stands still, or its source marks it as doubtful",
+            " Compare PV with a second reading, and check its quality at the source.",
+        ),
+        "saturated" => (
+            "OP was at a limit for too much of the record",
+            " Check whether the valve is shut off or fully open, and op_limits.",
+        ),
+        "manual" => ("the loop was never in automatic for long enough", ""),
         "not_excited" => ("OP hardly ever reverses by enough for sticking to show", ""),
         "hidden_friction" => ("this record would not show sticking, however strong it is", ""),
-        "undersampled" => {
-            ("the loop swings too fast for the samples", " Poll faster: the reason names the interval.")
-        }
+        "undersampled" => (
+            "the loop swings too fast for the samples",
+            " Poll at least ten times in one swing, and keep no means.",
+        ),
         "no_response" => (
             "other influences on PV hide whether PV follows OP",
             " If this lasts, check that the valve moves and that it belongs to this loop.",
         ),
         "stem_not_followed" => (
-            "it may stick, or a load may jump: PV does not visibly follow the valve",
-            " If this lasts, check that OP and PV belong to one loop.",
+            "PV does not visibly follow it",
+            " It may stick, or a load may jump. If this lasts, check that OP and PV belong to one loop.",
         ),
-        "compensated" => ("a term of write-back acts and hides any sticking", ""),
-        "out_of_scale" => ("the values are too large or too small to compute with", ""),
-        "deadline_exceeded" => ("the analysis took too long", ""),
+        "compensated" => ("write-back moved the valve in this record and hides any sticking", ""),
+        "out_of_scale" => {
+            ("the values are too large or too small to compute with", " Check type, byte order and scale.")
+        }
+        "deadline_exceeded" => ("the analysis took too long", " The machine may be too busy."),
         _ => return None,
     })
 }
 
-/// That friction has risen: by how much f, at least by how much (`unit`), in how many days.
-pub fn rising(rise: f64, least: f64, days: f64, unit: &str) -> String {
-    let (rise, least) = (shortest(2.0 * rise), shortest(2.0 * least.max(0.0)));
+/// Whether friction rises: by how much f, at least by how much (`unit`), over how long (s). It is said at every diagnosis, also
+/// after a repair.
+pub fn rising(rise: f64, least: f64, span_s: f64, unit: &str) -> String {
+    if least <= 0.0 {
+        return "Friction does not rise beyond its noise.".to_string();
+    }
+    let (rise, least, span) = (shortest(2.0 * rise), shortest(2.0 * least), lasting(span_s));
     format!(
-        "Friction rises: the valve ignores {rise} {unit} more of each reversal than {days:.0} days ago (lower bound {least} {unit})."
+        "Friction rises: over the last {span} the valve came to ignore {rise} {unit} more of each reversal, at least {least} {unit}."
     )
 }
 
-/// That a loop is expected to calm down when another is repaired.
-pub fn swings_with(source: &str) -> String {
-    format!("It swings with {source} and is expected to calm down when {source} does.")
+/// A time for people: in days, where it is two of them or more.
+fn lasting(s: f64) -> String {
+    match s {
+        s if s >= 172_800.0 => format!("{:.0} days", s / 86_400.0),
+        s if s >= 7200.0 => format!("{:.0} h", s / 3600.0),
+        s => format!("{:.0} min", (s / 60.0).max(1.0)),
+    }
 }
 
-/// That the model leaves this share of PV's movement over (0..1).
+/// That a loop may calm down when another is repaired.
+pub fn swings_with(source: &str) -> String {
+    format!("It swings with {source}, the likeliest source, and may calm down when {source} does.")
+}
+
+/// That write-back was closed by a fault, and by which. `cause`: why it closed in the end, once on its way to zero.
+pub fn tripped(by: Option<Denial>, cause: Cause) -> String {
+    let late = (cause == Cause::NotAtZero)
+        .then_some("the term was not at zero within withdraw_limit_s, so the heartbeat was stopped");
+    // That it was late is said once.
+    let by = by.filter(|by| late.is_none() || *by != Denial::NotAtZero).map(Denial::text);
+    let why: Vec<&str> = by.into_iter().chain(late).collect();
+    format!("write-back was closed by a fault: {}", why.join("; "))
+}
+
+/// That the model leaves this share of PV's standard deviation over: of a free run, which can be further off than PV's mean.
 pub fn unexplained(share: f64) -> String {
-    format!("{:.0} % of PV's movement is not explained.", 100.0 * share)
+    if share >= 0.995 {
+        return "PV's movement is not explained.".to_string();
+    }
+    format!("{:.0} % of PV's standard deviation is not explained.", 100.0 * share)
 }
 
 /// What a test of the residual that failed has seen.
@@ -268,9 +323,12 @@ pub fn percent(probability: f64) -> String {
     }
 }
 
-/// Three significant digits, at least the whole part.
+/// Three significant digits, at least the whole part; a dash for what is no number.
 pub fn short(value: f64) -> String {
-    if value == 0.0 || !value.is_finite() {
+    if !value.is_finite() {
+        return "–".to_string();
+    }
+    if value == 0.0 {
         return "0".to_string();
     }
     let decimals = (2 - value.abs().log10().floor() as i32).clamp(0, 9) as usize;

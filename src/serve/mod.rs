@@ -58,7 +58,7 @@ pub struct Config {
     pub listen: SocketAddr,
     /// `[server.tls]`; without it HTTP is in the clear.
     pub tls: Option<tls::Config>,
-    /// True to let everybody who reaches the address read everything and acknowledge alarms.
+    /// True to let everybody who reaches the address read everything and do everything but write-back.
     pub allow_unauthenticated_network: bool,
     /// True to let passwords and tokens be read on the way, or where a proxy before the daemon encrypts.
     pub allow_plain_http_on_network: bool,
@@ -166,8 +166,8 @@ pub fn is_loopback(address: SocketAddr) -> bool {
 pub enum ServeError {
     /// The network could reach a daemon that has no log-in.
     #[error(
-        "{0} is not loopback, and there is no log-in: whoever reaches it reads everything and may acknowledge alarms; \
-         add [access] and [server.tls], listen on 127.0.0.1, or set allow_unauthenticated_network = true"
+        "{0} is not loopback, and there is no log-in: whoever reaches it may read everything and do everything but \
+         write-back; add [access] and [server.tls], listen on 127.0.0.1, or set allow_unauthenticated_network = true"
     )]
     Unguarded(SocketAddr),
     /// Passwords and tokens could be read on the way.

@@ -73,7 +73,7 @@ def one_loop(walk):
     band = page.locator("#pvop [data-layer=stick-band]")
     expect(band).to_be_visible()
     box, frame = band.bounding_box(), page.locator("#pvop svg").bounding_box()
-    check(box["width"] > 0.2 * frame["width"] and box["height"] > 0.2 * frame["height"], f"the stick-band is drawn over PV and OP, {box['width']:.0f} x {box['height']:.0f}")
+    check(box["width"] > 0.2 * frame["width"] and box["height"] > 0.2 * frame["height"], f"dead band plus stick band are drawn over PV and OP, {box['width']:.0f} x {box['height']:.0f}")
     # The band is 2f wide, in the units of the axis that it is drawn over.
     evidence = page.request.get(f"{walk.base}/api/v1/loops/FIC102/evidence").json()
     corners = evidence["band"]["corners"]

@@ -38,7 +38,7 @@ def swinging(walk):
     expect(page.locator(".swing svg")).to_have_count(4)
     shapes = page.locator(".swing polyline").count()
     check(shapes >= 6 and page.locator(".swing script, .swing foreignObject").count() == 0, f"trends and spectra of {shapes // 2} loops are drawn")
-    check(page.locator(".swing polyline.look").count() == 2, "the suspected source stands out in both")
+    check(page.locator(".swing polyline.look").count() == 2, "the likeliest source stands out in both")
     walk.shot("group", whole=True)
     walk.axe("a group, light")
 

@@ -40,7 +40,7 @@ async fn mails_go_by_starttls_with_a_password_and_say_what_matters() {
         "MEDIUM FIC2",
         "high priority",
         "found    The valve sticks: it ignores the first 5 % OP of each reversal.",
-        "friction f 2.50 % OP (2.45 to 2.55)",
+        "friction f 2.50 % OP, half of what the valve ignores (95 %: 2.45 to 2.55)",
         "unit 20",
     ] {
         assert!(text.contains(part), "{part}: {text}");

@@ -5,6 +5,7 @@ use std::fmt::Write;
 use stictiond::plantwide::cause::period;
 use stictiond::plantwide::{Analysis, Group, Plant, Task};
 use stictiond::plot::{COLOURS, escape};
+use stictiond::results::words::percent;
 use stictiond::serve::report::GroupPictures;
 
 const CSS: &str = "body { margin: 0 auto; max-width: 72rem; padding: 1rem; background: var(--ground); color: var(--ink); font: 14px/1.45 system-ui, sans-serif; }
@@ -53,10 +54,10 @@ pub fn page(title: &str, plant: &dyn Plant, found: &Analysis, work: &[Task], ski
 fn list(out: &mut String, found: &Analysis, work: &[Task]) {
     *out += "<section><h2>What to do first</h2>";
     if work.is_empty() {
-        *out += "<p>Nothing: every loop is at rest.</p></section>";
+        *out += "<p>Nothing: no loop that could be judged needs work.</p></section>";
         return;
     }
-    *out += "<div class=\"wide\"><table><thead><tr><th>Loop</th><th>Cause</th><th class=\"number\">Probability</th><th>Why</th><th>Expected to calm down with it</th></tr></thead><tbody>";
+    *out += "<div class=\"wide\"><table><thead><tr><th>Loop</th><th>Cause</th><th class=\"number\">Probability</th><th>Why</th><th>May calm down with it</th></tr></thead><tbody>";
     for line in work {
         let victims: Vec<String> = line.victims.iter().map(|i| escape(&found.loops[*i].name)).collect();
         let _ = write!(
@@ -64,7 +65,7 @@ fn list(out: &mut String, found: &Analysis, work: &[Task]) {
             "<tr><td><strong>{}</strong></td><td>{}</td><td class=\"number\">{}</td><td>{}</td><td>{}</td></tr>",
             escape(&found.loops[line.at].name),
             line.cause.as_str(),
-            sure(line),
+            escape(&sure(line)),
             escape(&line.why),
             victims.join(", ")
         );
@@ -82,15 +83,19 @@ fn of_group(out: &mut String, k: usize, group: &Group, plant: &dyn Plant, found:
         period(group.period_s)
     );
     for (place, suspect) in group.suspects.iter().take(2).enumerate() {
-        let what = if place == 0 { "Suspected source" } else { "Runner-up" };
+        let what = match place {
+            0 if suspect.probability >= 0.5 => "Suspected source",
+            0 => "Likeliest source",
+            _ => "Runner-up",
+        };
         let evidence: Vec<String> = suspect.evidence.iter().map(|e| escape(e)).collect();
         let said = if evidence.is_empty() { String::new() } else { format!(": {}", evidence.join("; ")) };
         let class = if place == 0 { " class=\"look\"" } else { "" };
         let _ = write!(
             out,
-            "<p>{what} <strong{class}>{}</strong>, {:.0} %{said}.</p>",
+            "<p>{what} <strong{class}>{}</strong>, {}{said}.</p>",
             name(suspect.at),
-            100.0 * suspect.probability
+            escape(&percent(suspect.probability))
         );
     }
     *out += "<div class=\"pair\">";

@@ -13,6 +13,7 @@ use stictiond::diagnosis::Settings;
 use stictiond::plantwide::cause::period;
 use stictiond::plantwide::window::of_record;
 use stictiond::plantwide::{Analysis, Friction, PlantLoop, Task, analyse, tasks};
+use stictiond::results::words::percent;
 use stictiond::results::{Outcome, Run, Trigger};
 use stictiond::signal::LoopId;
 
@@ -166,7 +167,7 @@ fn read(args: &Args) -> Result<Folder, Failure> {
 
 /// How sure a cause is; of none there is nothing to be sure of.
 fn sure(task: &Task) -> String {
-    task.sure().map_or_else(|| "–".into(), |p| format!("{:.0} %", 100.0 * p))
+    task.sure().map_or_else(|| "–".into(), percent)
 }
 
 fn text(found: &Analysis, work: &[Task], skipped: &[String]) -> String {
@@ -185,23 +186,26 @@ fn text(found: &Analysis, work: &[Task], skipped: &[String]) -> String {
         let members: Vec<&str> = group.members.iter().map(|i| name(*i)).collect();
         let _ = writeln!(out, "  {}", members.join(" "));
         for (place, suspect) in group.suspects.iter().take(2).enumerate() {
-            let what = if place == 0 { "suspected source" } else { "runner-up" };
+            let what = match place {
+                0 if suspect.probability >= 0.5 => "suspected source",
+                0 => "likeliest source",
+                _ => "runner-up",
+            };
             let evidence = suspect.evidence.iter().take(3).cloned().collect::<Vec<_>>().join("; ");
-            let _ = writeln!(
-                out,
-                "  {what}: {} ({:.0} %) {evidence}",
-                name(suspect.at),
-                100.0 * suspect.probability
-            );
+            let probability = percent(suspect.probability);
+            let _ = writeln!(out, "  {what}: {} ({probability}) {evidence}", name(suspect.at));
         }
     }
     let _ = writeln!(out, "\nWhat to do first");
+    if work.is_empty() {
+        let _ = writeln!(out, "  nothing: no loop that could be judged needs work");
+    }
     for line in work {
         let victims: Vec<&str> = line.victims.iter().map(|i| name(*i)).collect();
         let calm = if victims.is_empty() {
             String::new()
         } else {
-            format!(" — expected to calm down with it: {}", victims.join(" "))
+            format!(" — may calm down with it: {}", victims.join(" "))
         };
         let _ =
             writeln!(out, "  {} {} ({}): {}{calm}", name(line.at), line.cause.as_str(), sure(line), line.why);

@@ -1,6 +1,6 @@
 //! What a mail says. Pure.
 
-use crate::alarm::Kind;
+use crate::alarm::{Kind, State};
 use crate::notify::batch::Digest;
 use crate::notify::filter::What;
 use crate::notify::notice::{Notice, Source, words};
@@ -18,7 +18,7 @@ pub(super) fn subject(digest: &Digest, source: &Source) -> String {
     let rank = |notice: &&Notice| (notice.what == What::Raised, notice.priority);
     let first = digest.notices.iter().rev().max_by_key(rank);
     let text = match first {
-        None => format!("[stictiond{site}] {} changes of alarms", digest.changes()),
+        None => format!("[stictiond{site}] changes of alarms: {}", digest.changes()),
         Some(notice) => {
             let others = digest.changes() - 1;
             let more = if others > 0 { format!(" (and {others} more)") } else { String::new() };
@@ -44,10 +44,10 @@ pub(super) fn body(digest: &Digest, source: &Source) -> String {
         paragraph(notice, &mut out);
     }
     for (what, kind, count) in &digest.more {
-        out += &format!("and {count} times {}: {}\n", what.as_str(), kind_words(*kind));
+        out += &format!("and {count} more {}: {}\n", what.as_str(), kind_words(*kind));
     }
     if digest.lost > 0 {
-        out += &format!("and {} changes that were too many to follow\n", digest.lost);
+        out += &format!("and {} more that came too fast to list\n", digest.lost);
     }
     if let Some(url) = &source.public_url {
         out += &format!("\nAll alarms: {}/#/alarms\n", url.trim_end_matches('/'));
@@ -72,9 +72,12 @@ fn paragraph(notice: &Notice, out: &mut String) {
     );
     say("time", &iso(notice.at));
     say("group", &notice.groups.join(", "));
-    say("found", &notice.detail);
+    // Of a condition that has gone it is told what it was; whether friction rises is said anew by every diagnosis.
+    let is_there = matches!(notice.state, State::Unacknowledged | State::Acknowledged);
+    let found = if is_there || notice.alarm.kind == Kind::FRising { "found" } else { "was" };
+    say(found, &notice.detail);
     let swings_with = notice.swings_with.as_ref();
-    say("expected", &swings_with.map(|source| swings(source.as_str())).unwrap_or_default());
+    say("swings", &swings_with.map(|source| swings(source.as_str())).unwrap_or_default());
     say("friction", &notice.friction.as_ref().map(payload::friction).unwrap_or_default());
     say("state", notice.state.as_str());
     say("by", notice.by.as_deref().unwrap_or_default());
@@ -86,4 +89,50 @@ fn paragraph(notice: &Notice, out: &mut String) {
 /// On one line: what people and devices say does not shape a mail.
 fn line(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::alarm::{AlarmId, Priority};
+    use crate::notify::notice::tests::{notice, source};
+
+    #[test]
+    fn a_condition_that_has_gone_is_not_said_to_be_found() {
+        let told = |notice: &Notice| {
+            let mut out = String::new();
+            paragraph(notice, &mut out);
+            out
+        };
+        let raised = notice("A/stiction", Priority::High);
+        let (found, was) = ("\n  found    sticks by 2.5 %\n", "\n  was      sticks by 2.5 %\n");
+        assert!(told(&raised).contains(found), "{}", told(&raised));
+        let seen = Notice { what: What::Acknowledged, state: State::Acknowledged, ..raised.clone() };
+        assert!(told(&seen).contains(found), "{}", told(&seen));
+        for (what, state) in [
+            (What::Cleared, State::ReturnedUnacknowledged),
+            (What::Cleared, State::Normal),
+            (What::Acknowledged, State::Normal),
+            (What::Latched, State::LatchedAcknowledged),
+            (What::Silenced, State::Shelved),
+        ] {
+            let gone = Notice { what, state, ..raised.clone() };
+            assert!(told(&gone).contains(was) && !told(&gone).contains(found), "{}", told(&gone));
+        }
+        let (alarm, state) = (AlarmId::named("A/f_rising"), State::ReturnedUnacknowledged);
+        let no_longer = Notice { alarm, what: What::Cleared, state, ..raised };
+        assert!(told(&no_longer).contains(found), "{}", told(&no_longer));
+    }
+
+    #[test]
+    fn what_is_only_counted_reads_well_for_one_and_for_many() {
+        let more = vec![(What::Raised, Kind::Stiction, 1), (What::Cleared, Kind::TagBad, 12)];
+        let digest = Digest { notices: Vec::new(), more, lost: 3 };
+        assert_eq!(subject(&digest, &source()), "[stictiond] changes of alarms: 16");
+        assert_eq!(
+            body(&digest, &source()),
+            "and 1 more raised: the valve sticks (stiction)\nand 12 more cleared: a tag is bad (tag_bad)\n\
+             and 3 more that came too fast to list\n"
+        );
+    }
 }

@@ -75,7 +75,7 @@ fn what_a_reload_takes_out_stands_no_longer_and_everybody_hears_it() {
     }
     for now in [3.0, 603.0] {
         let down = DeviceSeen { name: device.clone(), down: Some(Some("silent".into())) };
-        let bad = TagsSeen { id: id(), bad: Some("pv is stale".into()), devices: Vec::new() };
+        let bad = TagsSeen { id: id(), bad: Some("PV: no number".into()), devices: Vec::new() };
         results.watch(vec![down], vec![bad], now);
     }
     let mut events = results.subscribe();
@@ -106,4 +106,39 @@ fn what_a_reload_takes_out_stands_no_longer_and_everybody_hears_it() {
     let last = kept.iter().rev().find(|own: &&KeptAlarm| own.id.subject == b).expect("kept");
     assert!(!last.saved.flags.active && last.saved.votes.is_empty());
     assert_eq!(state(&results, "A/stiction", 703.0), State::Unacknowledged);
+}
+
+/// A daemon that was stopped, started without the loop, and given it back by a reload.
+#[test]
+fn an_alarm_that_was_kept_of_a_loop_that_nobody_watched_is_over_when_the_loop_is_back() {
+    let (config, b) = (alarm::Config::default(), LoopId::new("B"));
+    let results = Results::new(&[id()], 9, &config);
+    results.reload(&[id(), b.clone()], &config, 10.0);
+    let kept = |name: &str, flags, pending| {
+        let saved = alarm::Saved { flags, pending, ..alarm::Saved::default() };
+        RestoredAlarm { id: AlarmId::named(name), saved, by: None, comment: None, detail: String::new() }
+    };
+    let stands = alarm::Flags { active: true, ..alarm::Flags::default() };
+    let shelved = alarm::Flags { shelved_until: Some(1e6), ..stands };
+    let all = vec![
+        kept("A/tag_bad", stands, None),
+        kept("B/stiction", stands, None),
+        kept("B/tag_bad", shelved, None),
+        kept("B/not_identifiable", alarm::Flags::default(), Some(1.0)),
+    ];
+    results.restore_alarms(all, Vec::new());
+    results.begin_anew((&[id()], &[]), &config, 11.0);
+    let told: Vec<(String, State, alarm::Cause)> = results
+        .alarm_log()
+        .iter()
+        .map(|own| (own.id.to_string(), own.transition.to, own.transition.cause))
+        .collect();
+    assert_eq!(told, [("B/stiction".to_string(), State::Normal, alarm::Cause::Forgotten)]);
+    assert_eq!(state(&results, "A/tag_bad", 12.0), State::Acknowledged, "it was watched all the time");
+    assert_eq!(state(&results, "B/tag_bad", 12.0), State::Shelved, "that stays, as with any restart");
+    // What did not hold before the loop was there does not hold for a week at its first diagnosis.
+    let why = Verdict::NotIdentifiable(NotIdentifiable::Gaps { share: 0.5 });
+    let late = run(700_000.0, Outcome::Diagnosed(diagnosis(why, 0.0, 0.0)));
+    results.record(Run { id: b, ..late });
+    assert_eq!(state(&results, "B/not_identifiable", 700_000.0), State::Normal);
 }

@@ -40,9 +40,9 @@ fn a_diagnosis_of_another_machine_is_to_alarms_and_people_what_our_own_is() {
 fn what_another_machine_has_recorded_is_taken_once_and_moves_no_alarm() {
     let results = results(9);
     for time in [1.0, 2.0, 3.0] {
-        assert!(results.learn(elsewhere(&sticky(time)), None));
+        assert!(results.learn(elsewhere(&sticky(time)), None, 4.0));
     }
-    assert!(!results.learn(elsewhere(&sticky(2.0)), None), "it is known");
+    assert!(!results.learn(elsewhere(&sticky(2.0)), None, 4.0), "it is known");
     assert_eq!(results.summaries(&id()).map(|all| all.len()), Some(3));
     assert_eq!(results.alarm(&stiction(), 4.0).map(|alarm| alarm.state), Some(State::Normal));
 }
@@ -115,9 +115,9 @@ fn alarms_of_another_machine_change_by_what_it_says_and_by_nothing_else() {
     centre.tick(9.0);
     assert_eq!(centre.alarm(&stiction(), 9.0).map(|alarm| alarm.state), Some(State::Normal));
 
-    centre.follow_alarm(standing.clone(), Some((**raised).clone()));
+    centre.follow_alarm(standing.clone(), Some((**raised).clone()), 9.0);
     assert_eq!(centre.alarm_log()[0].transition, raised.transition);
-    centre.follow_alarm(standing, Some((**raised).clone()));
+    centre.follow_alarm(standing, Some((**raised).clone()), 9.0);
     let state = || centre.alarm(&stiction(), 9.0).map(|alarm| alarm.state);
     assert_eq!(state(), Some(State::Unacknowledged));
     assert_eq!(centre.alarm_log().len(), 1, "it happened once");
@@ -137,4 +137,54 @@ fn alarms_of_another_machine_change_by_what_it_says_and_by_nothing_else() {
     let refused = centre.act(&stiction(), Action::Acknowledge, eve, 12.0);
     assert_eq!(refused, Some(Err(crate::alarm::Refusal::NotLeading)));
     assert_eq!(wanted.lock().expect("no panic").len(), 1);
+}
+
+#[test]
+fn a_run_after_a_clock_was_set_back_is_the_latest_though_one_before_is_stamped_later() {
+    let results = results(9);
+    let shown = |now| results.get(&id(), now).and_then(|known| known.summary).map(|summary| summary.time);
+    assert!(results.learn(elsewhere(&sticky(9000.0)), None, 9000.0));
+    assert!(results.learn(elsewhere(&sticky(8000.0)), None, 9001.0));
+    assert_eq!(shown(9001.0), Some(9000.0), "that one only came late");
+    assert!(results.learn(elsewhere(&sticky(5000.0)), None, 5001.0));
+    assert_eq!(shown(5001.0), Some(5000.0));
+}
+
+#[test]
+fn a_flood_of_all_machines_together_is_grouped() {
+    let (results, ..) = follower(true);
+    let most = alarm::Config::default().flood_raises;
+    let raised = |at: f64| {
+        let flags = alarm::Flags { active: true, acknowledged: false, ..alarm::Flags::default() };
+        let saved = alarm::Saved { flags, ..alarm::Saved::default() };
+        let kept = RestoredAlarm { id: stiction(), saved, by: None, comment: None, detail: String::new() };
+        let (from, to) = (State::Normal, State::Unacknowledged);
+        let change = AlarmChange {
+            number: 0,
+            id: stiction(),
+            transition: alarm::Transition { from, to, at, cause: alarm::Cause::Raised },
+            priority: Priority::Low,
+            grouped: false,
+            detail: String::new(),
+            by: None,
+            comment: None,
+            told: false,
+        };
+        (kept, change)
+    };
+    let hear = |at: f64, now: f64| {
+        let (kept, change) = raised(at);
+        results.follow_alarm(kept, Some(change.clone()), now);
+        results.is_grouped(&stiction(), &change.transition)
+    };
+    let now = 10.0 * NEWS_S;
+    // What comes late, from however many machines whose clocks differ, is a flood now; what is history is none.
+    assert!((0..2 * most).all(|k| !hear(k as f64, now)));
+    assert!((0..most).all(|k| !hear(now - 3600.0 - k as f64, now)));
+    assert!(hear(now - 7200.0, now) && hear(now + 5.0, now + 1.0));
+    let seen = results.flood(now + 1.0);
+    assert_eq!((seen.since, seen.grouped, seen.recent), (Some(now), 2, most + 2));
+    assert!(results.alarm(&stiction(), now).expect("A").grouped);
+    results.tick(now + 86_400.0);
+    assert!(!results.alarm(&stiction(), now).expect("A").grouped, "it is over");
 }

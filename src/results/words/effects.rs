@@ -3,7 +3,7 @@
 /// An effect in words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Effect {
-    /// What it is, as a title and after "the record lies between": it does not say that it is there.
+    /// What it is, as a title and after "the record cannot tell": it does not say that it is there.
     pub name: &'static str,
     /// What it means: a sentence without its first word, which says how sure it is, and without its full stop.
     pub meaning: &'static str,
@@ -96,7 +96,7 @@ pub const EFFECTS: [(&str, Option<&str>, Effect); 18] = [
         words(
             "a change of the dead time",
             "from some time on PV follows the valve later, or earlier, than before",
-            "Check flow rate and analyser at that time.",
+            "Check the flow rate at that time, and the analyser where PV comes from one.",
             Some("Retune the controller if it stays so."),
         ),
     ),
@@ -107,7 +107,7 @@ pub const EFFECTS: [(&str, Option<&str>, Effect); 18] = [
             "a valve at its stop",
             "the valve moves no further beyond a certain OP",
             "Watch the valve, or its position signal, when OP is near that end.",
-            Some("Have the stroke calibrated and the sizing checked."),
+            Some("Have the stroke calibrated, and stops, positioner limits and air supply checked."),
         ),
     ),
     (
@@ -117,7 +117,7 @@ pub const EFFECTS: [(&str, Option<&str>, Effect); 18] = [
             "a valve gain that depends on the opening",
             "the same change of OP changes the flow more at one opening of the valve than at another",
             "Compare how the loop behaves at small and at large openings.",
-            Some("Have the valve's characteristic and sizing checked."),
+            Some("Have the valve's characteristic checked."),
         ),
     ),
     (
@@ -146,7 +146,7 @@ pub const EFFECTS: [(&str, Option<&str>, Effect); 18] = [
         words(
             "a stem beside OP while it moves",
             "the stem stays behind OP, or ahead of it, while it moves",
-            "Look for play between actuator and stem while OP turns round.",
+            "Watch whether the stem lags while OP turns round, or jumps too far.",
             Some("Have linkage and actuator checked for play, as well as the packing for friction."),
         ),
     ),
@@ -167,7 +167,7 @@ pub const EFFECTS: [(&str, Option<&str>, Effect); 18] = [
             "friction that changes over time",
             "the valve sticks more, or less, at the end of the record than at its beginning",
             "Watch the next diagnoses.",
-            Some("If it goes on getting worse, plan packing and actuator for the next shutdown."),
+            Some("If it sticks more and more, plan packing and actuator for the next shutdown."),
         ),
     ),
     (
@@ -204,9 +204,9 @@ pub const EFFECTS: [(&str, Option<&str>, Effect); 18] = [
         "clock_skew",
         None,
         words(
-            "clocks that disagree",
-            "OP and PV are stamped by clocks that disagree",
-            "Compare the clocks of the data sources, and synchronise them.",
+            "time stamps that do not fit",
+            "PV's time stamps are early or late against those of OP",
+            "Compare the clocks of the data sources, and look for a delay on the way of PV.",
             None,
         ),
     ),

@@ -61,9 +61,15 @@ fn all() -> String {
         }
     }
     line("\nOther alarms");
-    line(&rising(0.6, 0.31, 12.4, "% OP"));
+    line(&rising(0.6, 0.31, 12.4 * 86_400.0, "% OP"));
+    line(&rising(0.6, 0.31, 9.2 * 3600.0, "% OP"));
+    line(&rising(-0.8, -0.9, 12.4 * 86_400.0, "% OP"));
     line(&unexplained(0.843));
+    line(&unexplained(1.3));
     line(&swings_with("FIC102"));
+    line(&tripped(Some(Denial::NotAutomatic), Cause::AtZero));
+    line(&tripped(Some(Denial::ReadBack), Cause::NotAtZero));
+    line(&tripped(Some(Denial::NotAtZero), Cause::NotAtZero));
     line("\nA verdict that other methods contradict");
     for sticks in [true, false] {
         line(&doubtful(sticks, Doubt::Stem));
@@ -87,6 +93,14 @@ fn all() -> String {
     for kind in Kind::ALL {
         let said = between(&[(kind.as_str(), 0.48), ("none", 0.41)]).expect("none has more than half");
         line(&sentence(&said));
+    }
+    for told in [
+        &[("gain_change", 0.48), ("load_step", 0.41)][..],
+        &[("gain_change", 0.41), ("none", 0.3), ("load_step", 0.2)],
+        &[("gain_change", 0.41), ("drift", 0.3), ("load_step", 0.2)],
+        &[("gain_change", 0.48)],
+    ] {
+        line(&sentence(&between(told).expect("none has more than half")));
     }
     line("\nThe rest");
     line(SIMULATES_WORSE);
@@ -169,27 +183,75 @@ fn sentences_are_short_and_whole() {
 fn a_record_lies_between_kinds_where_none_has_more_than_half() {
     let said = |candidates: &[(&str, f64)]| between(candidates).unwrap_or_default();
     let two = [("gain_change", 0.48), ("load_step", 0.41), ("drift", 0.04)];
-    assert_eq!(said(&two), "the record lies between a gain change (48 %) and a load step (41 %)");
+    assert_eq!(said(&two), "the record cannot tell a gain change (48 %) from a load step (41 %)");
     let three = [("gain_change", 0.4), ("none", 0.35), ("load_step", 0.2)];
     assert_eq!(
         said(&three),
-        "the record lies between a gain change (40 %), no other effect (35 %) and a load step (20 %)"
+        "the record cannot tell a gain change (40 %), a load step (20 %) and none of them (35 %) apart"
     );
     let twice = [("load_step", 0.3), ("none", 0.35), ("load_step", 0.2)];
-    assert_eq!(said(&twice), "the record lies between a load step (50 %) and no other effect (35 %)");
+    assert_eq!(said(&twice), "the record cannot tell a load step (50 %) from none (35 %)");
     assert_eq!(said(&[("new_kind", 0.5)]), "the record may show new kind (50 %)");
-    for none in
-        [&[][..], &[("none", 0.51), ("drift", 0.49)], &[("drift", 0.6), ("none", 0.4)], &[("drift", 0.01)]]
-    {
+    for none in [
+        &[][..],
+        &[("none", 0.51), ("drift", 0.49)],
+        &[("drift", 0.6), ("none", 0.4)],
+        &[("drift", 0.01)],
+        &[("drift", 0.01), ("none", 0.45)],
+    ] {
         assert_eq!(said(none), "", "{none:?}");
     }
 }
 
 #[test]
+fn a_record_that_a_term_acted_on_is_not_said_to_show_no_sticking() {
+    for (f_before, said) in [
+        (
+            Some(2.5),
+            "Before compensation the valve ignored the first 5 % OP of each reversal. That is no longer visible.",
+        ),
+        (None, "Whether the valve sticks is not visible."),
+    ] {
+        let compensated = Some(Compensated { f_before, seen: Seen::Hidden });
+        let told = Verdict { compensated, ..verdict("no_stiction", Some(0.0), Some(0.42)) };
+        assert_eq!(told.words(), format!("Write-back moved the valve in this record. {said}"));
+    }
+}
+
+#[test]
+fn friction_is_said_to_rise_only_where_it_does() {
+    let said = |least: f64, span_s: f64| rising(0.6, least, span_s, "% OP");
+    for (span_s, over) in [
+        (2.0 * 86_400.0, "2 days"),
+        (47.9 * 3600.0, "48 h"),
+        (7200.0, "2 h"),
+        (1800.0, "30 min"),
+        (6.0, "1 min"),
+    ] {
+        let text = said(0.31, span_s);
+        assert!(text.starts_with(&format!("Friction rises: over the last {over} the valve")), "{text}");
+    }
+    for least in [0.0, -0.5] {
+        assert_eq!(said(least, 86_400.0), "Friction does not rise beyond its noise.");
+    }
+}
+
+#[test]
+fn a_share_of_a_deviation_is_told_up_to_the_whole() {
+    let said = [0.994, 0.995, 1.3].map(unexplained);
+    let none = "PV's movement is not explained.";
+    assert_eq!(said, ["99 % of PV's standard deviation is not explained.", none, none]);
+}
+
+#[test]
 fn numbers_are_short() {
     let said = [2.4449, 0.049_96, 73.61, 1234.5, 0.0, f64::NAN].map(short);
-    assert_eq!(said, ["2.44", "0.0500", "73.6", "1234", "0", "0"]);
+    assert_eq!(said, ["2.44", "0.0500", "73.6", "1234", "0", "–"]);
     let said = [0.0, 0.01, 0.486, 0.99, 0.991, 1.0].map(percent);
     assert_eq!(said, ["< 1 %", "1 %", "49 %", "99 %", "> 99 %", "> 99 %"]);
     assert_eq!([4.9, 5.0, 0.84, 100.0, 0.0].map(shortest), ["4.9", "5", "0.84", "100", "0"]);
+    // What is no number is no band either.
+    for f in [f64::NAN, f64::INFINITY] {
+        assert_eq!(verdict("stiction", Some(f), None).words(), "The valve sticks.");
+    }
 }

@@ -131,11 +131,17 @@ mod acting {
                 return person.ok_or_else(|| Problem::new(StatusCode::FORBIDDEN, "person_only", detail));
             }
             let host = parts.headers.get(header::HOST).and_then(|host| host.to_str().ok());
-            if context.on_loopback() && host.is_some_and(is_loopback) {
-                return Ok(Self(actor));
-            }
-            let detail = "there is no log-in: write-back is acted on from a loopback listener only, by a loopback \
-                          address or as localhost";
+            let detail = match (context.on_loopback(), host.is_some_and(is_loopback)) {
+                (true, true) => return Ok(Self(actor)),
+                (true, false) => {
+                    "without a log-in write-back can be acted on from this machine only: open it as 127.0.0.1 or as \
+                     localhost"
+                }
+                (false, _) => {
+                    "without a log-in write-back can be acted on from this machine only, and this daemon listens on the \
+                     network: add [access], or listen on 127.0.0.1"
+                }
+            };
             Err(Problem::new(StatusCode::FORBIDDEN, "loopback_only", detail))
         }
     }

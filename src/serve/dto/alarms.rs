@@ -187,9 +187,17 @@ impl AlarmState {
 }
 
 impl AlarmKind {
-    /// Its name in words.
-    pub fn words(self) -> String {
-        words(self)
+    /// What an alarm of this kind is about, as mails call it; the page has the same.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Stiction => "the valve sticks",
+            Self::FRising => "friction rises",
+            Self::NotIdentifiable => "cannot be told",
+            Self::TagBad => "a tag is bad",
+            Self::CollectorDown => "the collector is down",
+            Self::CompensationTripped => "write-back was closed by a fault",
+            Self::UnexplainedResidual => "much is unexplained",
+        }
     }
 }
 
@@ -229,6 +237,21 @@ impl From<Priority> for AlarmPriority {
             Priority::Low => Self::Low,
             Priority::Medium => Self::Medium,
             Priority::High => Self::High,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_page_calls_each_kind_as_reports_do() {
+        let page = include_str!("../page/assets/js/states.js");
+        let (_, list) = page.split_once("const ALARMS = {").expect("the page's list");
+        for kind in Kind::ALL {
+            let line = format!("{}: \"{}\"", kind.as_str(), AlarmKind::from(kind).words());
+            assert!(list.contains(&line), "{line}");
         }
     }
 }

@@ -45,7 +45,7 @@ pub struct SettingsText {
     pub min_samples: usize,
     /// Largest share of samples that may be missing or bad (0..1).
     pub max_gap_share: f64,
-    /// Sample period to resample to (s); null takes the median of the stamps.
+    /// Sample period to resample to (s); null takes the controller's scan where the record shows it, else the period of the stamps.
     pub ts_s: Option<f64>,
     /// Longest process delay searched (samples).
     pub max_delay_samples: usize,

@@ -27,7 +27,7 @@ pub struct LoopEvidence {
     pub left: Vec<String>,
     /// The window that was fitted; null when the record never became one.
     pub window: Option<EvidenceWindow>,
-    /// The stick-band over OP and PV; null without friction.
+    /// Dead band plus stick band (2f) over OP and PV; null without friction.
     pub band: Option<EvidenceBand>,
     /// What the models leave over; null when nothing could be traced.
     pub residual: Option<EvidenceResidual>,
@@ -85,7 +85,7 @@ pub struct EvidenceWindow {
     pub stem: Option<Vec<Option<f64>>>,
 }
 
-/// The stick-band, what the fitted element draws in one swing: where the stem turns round it stands until OP has come back by 2f.
+/// Dead band plus stick band (2f), what the fitted element draws in one swing: where the stem turns round it stands until OP has come back by 2f.
 #[derive(Clone, Debug, Serialize, ToSchema)]
 pub struct EvidenceBand {
     /// Friction parameter, S/2 (OP unit).

@@ -127,7 +127,7 @@ pub struct LoopItem {
     pub alarm: AlarmState,
     /// Its other alarms that are not normal.
     pub other_alarms: Vec<OtherAlarm>,
-    /// The loop that this one is expected to calm down with, by an order of the work list that stands.
+    /// The loop that this one may calm down with, by an order of the work list that stands.
     pub swings_with: Option<String>,
     /// What needs looking at: 5 unacknowledged, 4 acknowledged, 3 stiction without alarm yet, 2 returned unacknowledged
     /// or latched, 1 cannot be told, 0 nothing; an alarm that is silent counts as 1.

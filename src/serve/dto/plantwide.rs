@@ -110,7 +110,8 @@ impl GroupItem {
             evidence: evidence.clone(),
         };
         let suspects: Vec<SuspectItem> = own.suspects.iter().map(suspect).collect();
-        let swing = format!("{} loops swing together, {} a period", own.members.len(), period(own.period_s));
+        let swing =
+            format!("{} loops swing together with a period of {}", own.members.len(), period(own.period_s));
         let words = match suspects.first() {
             Some(first) if first.probability >= 0.5 => {
                 format!("{swing}. {} is the suspected source ({}).", first.id, percent(first.probability))
@@ -183,7 +184,7 @@ pub struct WorkItem {
     pub probability: Option<f64>,
     /// In a sentence.
     pub why: String,
-    /// Loops that are expected to calm down with it.
+    /// Loops that may calm down with it.
     pub victims: Vec<String>,
     /// What the swing of all of these costs.
     pub cost: Option<f64>,
@@ -359,7 +360,7 @@ mod tests {
 
     #[test]
     fn no_source_is_certain() {
-        let swing = "2 loops swing together, 60 s a period. ";
+        let swing = "2 loops swing together with a period of 60 s. ";
         for (probability, said) in [
             (0.997, "FIC101 is the suspected source (> 99 %)."),
             (0.7, "FIC101 is the suspected source (70 %)."),

@@ -415,7 +415,7 @@ impl Report {
             self.rival = None;
         }
         self.f_detectable = found.f_detectable.and_then(|f| unit.scale(f));
-        if !found.decide() {
+        if !found.replaces_diagnosis() {
             return self;
         }
         let friction = &found.friction_after;

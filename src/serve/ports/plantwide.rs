@@ -39,7 +39,7 @@ pub struct GroupSeen {
 pub struct WorkLine {
     /// The order.
     pub order: Order,
-    /// Price and its unit, of the loop and of those that are expected to calm down with it; `None` where nobody gave prices.
+    /// Price and its unit, of the loop and of those that may calm down with it; `None` where nobody gave prices.
     pub cost: Option<(f64, String)>,
 }
 

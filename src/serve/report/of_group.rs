@@ -1,5 +1,5 @@
 //! The pictures of a group of loops that swing together, as SVG whose colours and strokes the page's style gives:
-//! `polyline` trends and spectra, `.look` the suspected source, `.edge` and `.node` of the graph, `.cell` of the matrix.
+//! `polyline` trends and spectra, `.look` the likeliest source, `.edge` and `.node` of the graph, `.cell` of the matrix.
 
 use crate::plantwide::cause::period;
 use crate::plantwide::spectra::Spectra;
@@ -41,7 +41,7 @@ impl GroupPictures {
             ),
             (
                 picture(&|out| drawn.graph(out, number)),
-                "Who is expected to drive whom: arrows from the suspected source along the strongest coherence",
+                "From the likeliest source along the strongest coherence: one possible way of the swing",
             ),
             (
                 picture(&|out| drawn.matrix(out)),

@@ -6,6 +6,7 @@ use super::super::dto::loops::{LoopDiagnosis, LoopItem, RunItem};
 use super::super::dto::params::AlarmKind;
 use super::super::dto::parse_time;
 use super::super::dto::plantwide::LoopHealth;
+use super::super::dto::report::ReportVerdict;
 use super::super::words::{percent, short};
 use super::of_plant::{friction_words, verdict_words};
 use super::{document, when};
@@ -102,7 +103,13 @@ fn facts(out: &mut String, subject: &Subject<'_>) {
         facts.push(("window to", when(found.window_end.as_deref())));
         let period = used.ts_s.map_or_else(|| "–".into(), short);
         facts.push(("samples", format!("{}, {period} s apart, {}", used.n, used.quality.as_str())));
-        if let Some(posterior) = found.report.posterior {
+        // Friction may be likely and its f still be too small to matter: beside that it would read as a contradiction.
+        let told = |posterior: &f64| match found.report.verdict {
+            ReportVerdict::Stiction => true,
+            ReportVerdict::NoStiction => *posterior <= 0.5,
+            ReportVerdict::NotIdentifiable => false,
+        };
+        if let Some(posterior) = found.report.posterior.filter(told) {
             facts.push(("probability of friction", percent(posterior)));
         }
         if let Some(rival) = &found.report.rival {
@@ -120,7 +127,7 @@ fn effects(out: &mut String, evidence: &LoopEvidence) {
     if evidence.effects.is_empty() && evidence.notes.is_empty() {
         return;
     }
-    out.push_str("<h2>Beside friction</h2><ul>");
+    out.push_str("<h2>What else the record shows</h2><ul>");
     for effect in &evidence.effects {
         let _ = write!(
             out,
@@ -185,7 +192,7 @@ fn trend(window: &EvidenceWindow) -> Plot {
     }
 }
 
-/// PV over OP with the stick-band.
+/// PV over OP with the dead band plus stick band.
 fn over_op(window: &EvidenceWindow, evidence: &LoopEvidence) -> Plot {
     let points = window.op.iter().zip(&window.pv).filter_map(|(op, pv)| Some(((*op)?, (*pv)?)));
     let measured = Series { name: "measured".into(), class: "pv", points: points.collect() };
@@ -195,11 +202,9 @@ fn over_op(window: &EvidenceWindow, evidence: &LoopEvidence) -> Plot {
         let corner = |[op, pv]: &[Option<f64>; 2]| Some(((*op)?, (*pv)?));
         let mut corners: Vec<(f64, f64)> = band.corners.iter().filter_map(corner).collect();
         corners.extend(corners.first().copied());
-        all.push(Series { name: "stick-band".into(), class: "mark", points: corners });
-        title = format!(
-            "PV over OP, with the stick-band, {} wide.",
-            band.f_op.map_or_else(String::new, |f| short(2.0 * f))
-        );
+        all.push(Series { name: "dead band plus stick band (2f)".into(), class: "mark", points: corners });
+        let wide = band.f_op.map_or_else(String::new, |f| format!(", {} wide", short(2.0 * f)));
+        title = format!("PV over OP, with the dead band plus stick band (2f){wide}.");
     }
     all.push(measured);
     Plot { title, x: "OP", panels: vec![Panel { y: "PV", log: false, series: all }], marks: vec![] }
@@ -335,6 +340,7 @@ mod tests {
         assert_eq!(plot.marks, [(-1.0, "alarm")]);
         let mut table = String::new();
         history(&mut table, &alarms);
-        assert!(table.contains("<td>tag bad</td>") && table.contains("<td>stiction</td>"), "{table}");
+        let cells = ["<td>a tag is bad</td>", "<td>the valve sticks</td>"];
+        assert!(cells.iter().all(|cell| table.contains(cell)), "{table}");
     }
 }

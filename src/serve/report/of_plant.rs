@@ -19,7 +19,7 @@ pub fn of_plant(items: &[LoopItem], now: Option<&str>) -> String {
         ("loops", items.len()),
         ("sticking", verdict("stiction")),
         ("alarms not acknowledged", count(&|item| item.severity == 5)),
-        ("sound", verdict("no_stiction")),
+        ("no sticking shown", verdict("no_stiction")),
         ("cannot be told", verdict("not_identifiable")),
         ("not diagnosed yet", count(&|item| item.verdict.is_none())),
     ];
@@ -35,18 +35,40 @@ pub fn of_plant(items: &[LoopItem], now: Option<&str>) -> String {
              <th class=\"number\">Evidence</th><th>Alarm</th><th>Diagnosed</th></tr></thead><tbody>";
     items.iter().for_each(|item| row(&mut body, item));
     body += "</tbody></table><p class=\"faint\">f is half the band that OP has to cross on a reversal before the stem follows; \
-             in brackets its 95 % interval. \u{201c}Cannot be told\u{201d} is not \u{201c}sound\u{201d}.</p>";
+             in brackets its 95 % interval. \u{201c}Cannot be told\u{201d} is not \u{201c}no sticking\u{201d}.</p>";
     document("Control valves", &body)
+}
+
+/// Why nothing can be told of a valve, in a few words; the page has the same in its tiles.
+const REASONS: [(&str, &str); 15] = [
+    ("too_short", "too little data"),
+    ("no_time_base", "no time base"),
+    ("gaps", "data missing"),
+    ("flat_op", "OP stands still"),
+    ("flat_pv", "PV stands still"),
+    ("saturated", "OP at a limit"),
+    ("manual", "not in automatic"),
+    ("not_excited", "OP hardly reverses"),
+    ("hidden_friction", "sticking would not show"),
+    ("undersampled", "sampled too slowly"),
+    ("no_response", "PV hidden by loads"),
+    ("stem_not_followed", "sticks, or load jumps"),
+    ("compensated", "write-back hides it"),
+    ("out_of_scale", "values out of scale"),
+    ("deadline_exceeded", "took too long"),
+];
+
+fn why_not(code: &str) -> String {
+    let known = REASONS.iter().find(|(own, _)| *own == code);
+    known.map_or_else(|| code.replace('_', " "), |(_, words)| (*words).to_string())
 }
 
 /// The verdict in a word, or why there is none.
 pub fn verdict_words(item: &LoopItem) -> String {
     match item.verdict.as_deref() {
         Some("stiction") => "sticks".into(),
-        Some("no_stiction") => "sound".into(),
-        Some(_) => {
-            format!("cannot be told: {}", item.reason_code.as_deref().unwrap_or_default().replace('_', " "))
-        }
+        Some("no_stiction") => "no sticking".into(),
+        Some(_) => format!("cannot be told: {}", why_not(item.reason_code.as_deref().unwrap_or_default())),
         None => "not diagnosed yet".into(),
     }
 }
@@ -58,7 +80,7 @@ pub fn friction_words(item: &LoopItem) -> String {
         (Some(f), Some([low, high])) if f > 0.0 => {
             format!("{} {unit} ({} … {})", short(f), short(low), short(high))
         }
-        (Some(_), Some([_, high])) if high > 0.0 => format!("< {} {unit}", short(high)),
+        (Some(_), Some([_, high])) if high > 0.0 => format!("f up to {} {unit} could be hidden", short(high)),
         (Some(f), _) => format!("{} {unit}", short(f)),
         _ => "–".into(),
     }
@@ -94,9 +116,22 @@ fn row(out: &mut String, item: &LoopItem) {
 mod tests {
     use super::*;
     use crate::alarm;
+    use crate::diagnosis::NotIdentifiable;
     use crate::results::{Results, Summary, Trigger};
     use crate::serve::LoopInfo;
     use crate::signal::LoopId;
+
+    #[test]
+    fn every_reason_has_words_and_the_page_has_the_same() {
+        let page = include_str!("../page/assets/js/states.js");
+        let (_, list) = page.split_once("const REASONS = {").expect("the page's list");
+        for code in NotIdentifiable::CODES {
+            let (_, words) = REASONS.iter().find(|(own, _)| *own == code).expect(code);
+            assert_eq!(why_not(code), *words);
+            assert!(list.contains(&format!("{code}: \"{words}\"")), "{code}");
+        }
+        assert_eq!(why_not("of_a_later_one"), "of a later one");
+    }
 
     #[test]
     fn a_bar_stands_for_per_cent_and_nothing_else() {

@@ -16,10 +16,10 @@ pub fn of_work(listing: &WorkListing) -> String {
         listing.watched
     );
     if listing.items.is_empty() {
-        body += "<p>Nothing is to be done.</p>";
+        body += "<p>There is nothing to do.</p>";
         return document("Work list", &body);
     }
-    body += "<table><thead><tr><th>Loop</th><th>State</th><th>Cause</th><th>Why</th><th>Expected to calm down with it</th>\
+    body += "<table><thead><tr><th>Loop</th><th>State</th><th>Cause</th><th>Why</th><th>May calm down with it</th>\
              <th class=\"number\">Cost</th><th>By, remark</th></tr></thead><tbody>";
     listing.items.iter().for_each(|item| row(&mut body, item));
     body += "</tbody></table>";
@@ -31,7 +31,7 @@ fn row(out: &mut String, item: &WorkItem) {
     let cause = format!(
         "{}{}",
         item.cause.unwrap_or("–"),
-        sure.map(|p| format!(", {}", percent(p))).unwrap_or_default()
+        sure.map(|p| format!(", {}", escape(&percent(p)))).unwrap_or_default()
     );
     let _ = write!(
         out,

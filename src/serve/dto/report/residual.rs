@@ -174,7 +174,7 @@ impl ReportResidual {
             failed_tests: findings.failed.iter().map(|test| test.as_str().to_string()).collect(),
             structure: findings.structure.as_ref().map(Structure::from),
             f_before: unit.scale(findings.friction_before.f).filter(|_| known),
-            f_after: unit.scale(findings.friction_after.f).filter(|_| findings.decide()),
+            f_after: unit.scale(findings.friction_after.f).filter(|_| findings.replaces_diagnosis()),
             verdict_before: asked.then(|| verdict_before.as_str().to_string()),
             stem: findings.stem.as_ref().map(|own| stem(own, unit)),
         }

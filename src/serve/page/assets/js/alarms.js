@@ -7,7 +7,7 @@ import { short, when } from "./format.js";
 import { listen, loops } from "./live.js";
 import { receivers } from "./receivers.js";
 import { may } from "./session.js";
-import { isOut, isShelved, kindOf, mayAck, mayReset, mayShelve, words } from "./states.js";
+import { alarmWords, isOut, isShelved, kindOf, mayAck, mayReset, mayShelve, words } from "./states.js";
 
 const TABS = { standing: "Standing", history: "History", receivers: "Receivers" };
 const COLUMNS = { standing: ["Alarm", "Kind", "Priority", "State", "Since", "f", "What", "By, remark", ""], history: ["Time", "Alarm", "Kind", "Priority", "From", "To", "Cause", "What", "By, remark"] };
@@ -39,7 +39,7 @@ export function alarmsView(main, _parts, query) {
   const nameOf = (item) => loopOf(item) ?? item.device ?? item.id.split("/")[0];
   const link = (item) => (loopOf(item) ? h("a", { href: `#/loop/${encodeURIComponent(loopOf(item))}` }, nameOf(item)) : h("span", null, nameOf(item)));
   const said = (item) => [item.by, item.comment].filter(Boolean).join(": ");
-  const kindWords = (item) => words(item.kind ?? "stiction");
+  const kindWords = (item) => alarmWords(item.kind ?? "stiction");
   const ofStiction = (item) => (item.kind ?? "stiction") === "stiction";
 
   function standing(item) {
@@ -74,7 +74,7 @@ export function alarmsView(main, _parts, query) {
     const kinds = new Map();
     for (const item of apart) kinds.set(kindWords(item), (kinds.get(kindWords(item)) ?? 0) + 1);
     flood.hidden = apart.length === 0;
-    head.textContent = `${list.flood?.since ? "A flood of alarms: " : "Raised in a flood: "}${apart.length} grouped (${[...kinds].map(([kind, count]) => `${count} ${kind}`).join(", ")})`;
+    head.textContent = `${list.flood?.since ? "A flood of alarms: " : "Raised in a flood: "}${apart.length} grouped (${[...kinds].map(([kind, count]) => `${kind}: ${count}`).join(", ")})`;
     grouped.replaceChildren(...apart.map(standing));
     return new Set(apart);
   }

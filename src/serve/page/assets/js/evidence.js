@@ -22,7 +22,7 @@ export async function drawEvidence(boxes, { detail, report, evidence, runs, alar
   const label = (name, tag) => (unit(tag) ? `${name} [${unit(tag)}]` : name);
   const used = evidence?.window, band = evidence?.band;
   if (used) {
-    const text = band ? `The stick-band is ${short(2 * band.f_op, 3)} ${unit("op") || "OP units"} wide.` : "No stick-band: no friction was found.";
+    const text = band ? `The dead band plus stick band (2f) is ${short(2 * band.f_op, 3)} ${unit("op") || "OP units"} wide.` : "No band is drawn.";
     pvOp(boxes.pvop, used, band, { x: { label: label("OP", "op"), range: bulk(used.op) }, y: { label: label("PV", "pv"), range: bulk(used.pv) }, height: 340, label: `PV over OP. ${text}` });
     stemOp(boxes.stem, used, band, { x: { label: label("OP", "op"), range: bulk(used.op) }, y: { label: `stem [${unit("op") || "OP units"}]`, range: bulk(used.stem ?? [], used.mv ?? []) }, height: 340, label: `Stem over OP. ${text}` });
   } else for (const box of [boxes.pvop, boxes.stem]) nothing(box, NOT_HERE);

@@ -47,7 +47,7 @@ export function fleetView(main, _parts, query) {
   const list = h("section", { class: "card wide", "aria-label": "Loops" }, h("h2", null, "Loops"), h("form", { class: "tools", role: "search", on: { submit: (event) => event.preventDefault() } }, h("label", null, "Find", search), only), shown,
     scroll("Loops that were found", table(["Loop", "Description", "Unit", "State", "Friction", "Diagnosed"], found)), more);
   main.append(h("div", { class: "head" }, h("h1", null, "Fleet")), summary,
-    h("section", { class: "card wide", "aria-label": "Map" }, h("h2", null, "Sites and units"), map.element, legend(), scroll("Units", table(["Site", "Unit", "Loops", "Alarms", "Acknowledged", "Sticks, no alarm yet", "Cannot be told", "Sound"], units)), further),
+    h("section", { class: "card wide", "aria-label": "Map" }, h("h2", null, "Sites and units"), map.element, legend(), scroll("Units", table(["Site", "Unit", "Loops", "Alarms", "Acknowledged", "Sticks, no alarm yet", "Cannot be told", "No sticking shown"], units)), further),
     list, h("section", { class: "card wide", "aria-label": "Machines" }, h("h2", null, "Machines"), scroll("Machines", table(["Site", "Machine", "Role", "Version", "State", "Loops", "Behind", "Clock", "Diagnoses", "Runs since", "Certificate until"], machines))));
   search.value = wanted.q ?? "";
 
@@ -94,7 +94,7 @@ export function fleetView(main, _parts, query) {
       if (over) return;
       const silent = fleet.machines.filter((own) => own.silent).length;
       const sites = new Set(fleet.machines.map((own) => own.site).filter(Boolean)).size;
-      const told = fleet.tells ? "This machine tells people of alarms." : "Another machine tells people of alarms.";
+      const told = fleet.tells ? "It is this machine's turn to tell people of alarms, where it has receivers." : "It is not this machine's turn to tell people of alarms.";
       const here = `${sites} ${sites === 1 ? "site" : "sites"}, ${fleet.machines.length} machines${silent ? `, ${silent} silent` : ""}.`;
       summary.textContent = fleet.role === "alone" ? "This machine is alone: it is no part of a fleet." : `${fleet.name} is ${fleet.role === "edge" ? "an edge" : `a ${fleet.role}`}${fleet.connected ? "" : " and reaches no NATS server"}. ${told} ${fleet.role === "centre" ? here : ""}`;
       machines.replaceChildren(...fleet.machines.map(machine));

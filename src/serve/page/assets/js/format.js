@@ -19,7 +19,7 @@ export function lasting(seconds) {
 export const ago = (seconds) => (seconds === null || seconds === undefined ? "–" : seconds < 1 ? "now" : `${lasting(seconds)} ago`);
 
 /** A probability in whole per cent, and never as certainty. */
-export const percent = (value) => (value === null || value === undefined ? "–" : value > 0.99 ? "> 99 %" : value < 0.01 ? "< 1 %" : `${short(100 * value, 2)} %`);
+export const percent = (value) => (value === null || value === undefined ? "–" : value > 0.99 ? "> 99 %" : value < 0.01 ? "< 1 %" : `${Math.round(100 * value)} %`);
 
 export function bytes(count) {
   if (count === null || count === undefined) return "–";
@@ -27,10 +27,16 @@ export function bytes(count) {
   return `${count} B`;
 }
 
+// Whether no friction is needed, and the record could hide some.
+const hidden = (item) => item.f === 0 && item.f_ci95?.[1] > 0;
+
 /** f with its interval; without friction the upper end says what the record could have hidden. */
 export function friction(item) {
   if (item.f === null || item.f === undefined) return "–";
-  if (item.f === 0 && item.f_ci95?.[1] > 0) return `0 ${item.f_unit}, hides up to ${short(item.f_ci95[1], 3)}`;
+  if (hidden(item)) return `f up to ${short(item.f_ci95[1], 3)} ${item.f_unit} could be hidden`;
   const interval = item.f_ci95 ? ` (${short(item.f_ci95[0], 3)} … ${short(item.f_ci95[1], 3)})` : "";
   return `${short(item.f, 3)} ${item.f_unit}${interval}`;
 }
+
+/** The same where nothing beside it says that it is f. */
+export const frictionNamed = (item) => (hidden(item) ? friction(item) : `f = ${friction(item)}`);

@@ -25,7 +25,9 @@ function picture({ svg, caption }) {
 }
 
 function suspects(list) {
-  const line = (own, i) => h("li", null, h("strong", null, i === 0 ? "Suspected source " : i === 1 ? "Runner-up " : "", link(own.id), `, ${percent(own.probability)}`), h("span", null, own.evidence.join("; ")));
+  // Below one half it is as well another one: nobody is suspected.
+  const role = (own, i) => (i === 0 ? (own.probability >= 0.5 ? "Suspected source " : "Likeliest source ") : i === 1 ? "Runner-up " : "");
+  const line = (own, i) => h("li", null, h("strong", null, role(own, i), link(own.id), `, ${percent(own.probability)}`), h("span", null, own.evidence.join("; ")));
   return h("ul", { class: "effects" }, list.slice(0, 3).map(line));
 }
 

@@ -3,13 +3,13 @@
 import { get, href, loopPath, orNull, post } from "./api.js";
 import { acknowledge, shelve, unshelve } from "./actions.js";
 import { h, scroll, toast } from "./dom.js";
-import { ago, friction, lasting, percent, short, when } from "./format.js";
+import { ago, frictionNamed, lasting, percent, short, when } from "./format.js";
 import { listen, since, touch } from "./live.js";
 import { drawEvidence } from "./evidence.js";
 import { health } from "./health.js";
 import { opinionsPanel } from "./opinions.js";
 import { may } from "./session.js";
-import { isShelved, kindOf, mayAck, mayShelve, VERDICTS, words } from "./states.js";
+import { alarmWords, isShelved, kindOf, mayAck, mayShelve, VERDICTS, words } from "./states.js";
 import { trend } from "./trend.js";
 
 const RETRY_MS = 5000;
@@ -38,13 +38,13 @@ export function loopView(main, [id]) {
     h("div", { class: "card third" }, h("h3", null, "Spectrum"), figure("spectrum", "A peak is a swing that is not explained yet.")),
     h("div", { class: "card half" }, h("h3", null, "Correlation with its own past"), figure("acf", "Within the dashed lines it is noise.")),
     h("div", { class: "card half" }, h("h3", null, "Correlation with past OP"), figure("ccf", "Outside the dashed lines the valve's way to PV is not fully described."))));
-  const writeback = card("Compensation", "", boxes.writeback);
+  const writeback = card("Write-back", "", boxes.writeback);
   const opinions = card("Opinions", "", h("p", { class: "note" }, "What published methods say of the same window. They are information beside the verdict; a line opens what the method looked at."), boxes.opinions), second = opinionsPanel(id, boxes.opinions);
   const indicators = card("Health", "", h("p", { class: "note" }, "How the loop does its work, valve or not: the latest hour beside its shift, day and week."), boxes.health);
   const cards = h("div", { class: "cards" },
     card("Trend", "", values, h("figure", { id: "trend" }, boxes.trend, h("div", { class: "keys" }, h("span", { class: "pv" }, "PV"), h("span", { class: "sp" }, "SP"), h("span", { class: "op" }, "OP"), h("span", { class: "mv" }, "MV, measured stem")))),
-    card("PV over OP, with the stick-band", "half", figure("pvop", "Inside the band OP moves and the valve does not.", [["pv", "measured"], ["stem", "PV if it followed the fitted stem"], ["band", "stick-band, 2f wide"]])),
-    card("Stem over OP", "half", figure("stem", "On each reversal the stem stands still until OP has come back by 2f.", [["stem", "fitted stem"], ["mv", "measured, where there is one"], ["band", "stick-band"]])),
+    card("PV over OP, with the dead band plus stick band", "half", figure("pvop", "Inside the band OP moves and the valve does not.", [["pv", "measured"], ["stem", "PV if it followed the fitted stem"], ["band", "dead band plus stick band (2f)"]])),
+    card("Stem over OP", "half", figure("stem", "On each reversal the stem stands still until OP has come back by 2f.", [["stem", "fitted stem"], ["mv", "measured, where there is one"], ["band", "dead band plus stick band (2f)"]])),
     card("Estimated valve position", "", figure("position", "The steps of a sticking valve beside the OP that asks for a smooth movement.", [["op", "OP"], ["stem", "fitted stem"], ["mv", "measured, where there is one"]])),
     card("How sure: AIC over f", "half", figure("aic", "The lower the AIC, the better the model explains PV. The shaded interval is the 95 % interval of f.")),
     card("f over time", "half", figure("months", "Each dot is a diagnosis with its 95 % interval; triangles are changes of the alarm.")),
@@ -76,7 +76,7 @@ export function loopView(main, [id]) {
     // Friction may be likely and its f still be too small to matter, or 0 within its interval: beside f = 0 that would read as a contradiction.
     const likely = report && (report.verdict === "stiction" || report.posterior <= 0.5);
     const odds = !report ? "" : report.posterior === null ? ` · evidence ${short(report.delta_aic, 3)}` : likely ? ` · probability of friction ${percent(report.posterior)}` : "";
-    const f = report && report.verdict !== "not_identifiable" ? ` · f = ${friction(report)}${odds}` : "";
+    const f = report && report.verdict !== "not_identifiable" ? ` · ${frictionNamed(report)}${odds}` : "";
     const acts = [mayAck(state) && button("Acknowledge", () => acted(acknowledge), true), isShelved(state) ? button("Unshelve", () => acted(unshelve)) : mayShelve(state) && button("Shelve …", () => acted(shelve)),
       button("Diagnose now", run), h("a", { class: "button", href: href(`${loopPath(id)}/report.html`), target: "_blank", rel: "noopener" }, "Report")];
     diagnosed = report?.time ?? null;
@@ -84,8 +84,8 @@ export function loopView(main, [id]) {
     age.title = when(diagnosed);
     const focused = banner.contains(document.activeElement) ? document.activeElement.textContent : null;
     banner.replaceChildren(h("span", { class: "mark" }), h("div", null, h("strong", null, said ? said.words : "Not diagnosed yet."), h("p", null, `${kind.label}${f}`, report ? [" · diagnosed ", age] : null, detail.failure ? ` · latest run: ${words(detail.failure)}` : null),
-      detail.swings_with ? h("p", null, "It swings with ", h("a", { href: `#/loop/${encodeURIComponent(detail.swings_with)}` }, detail.swings_with), ` and is expected to calm down when ${detail.swings_with} does: see the `, h("a", { href: "#/work" }, "work list"), ".") : null,
-      detail.other_alarms?.length ? h("p", { class: "others" }, h("a", { href: "#/alarms" }, "Other alarms"), `: ${detail.other_alarms.map((one) => `${words(one.kind)}, ${words(one.state)}`).join("; ")}`) : null), h("div", { class: "acts" }, acts));
+      detail.swings_with ? h("p", null, "It swings with ", h("a", { href: `#/loop/${encodeURIComponent(detail.swings_with)}` }, detail.swings_with), `, the likeliest source, and may calm down when ${detail.swings_with} does: see the `, h("a", { href: "#/work" }, "work list"), ".") : null,
+      detail.other_alarms?.length ? h("p", { class: "others" }, h("a", { href: "#/alarms" }, "Other alarms"), `: ${detail.other_alarms.map((one) => `${alarmWords(one.kind)}, ${words(one.state)}`).join("; ")}`) : null), h("div", { class: "acts" }, acts));
     if (focused) [...banner.querySelectorAll("button, a")].find((one) => one.textContent === focused)?.focus();
   }
 
@@ -108,15 +108,19 @@ export function loopView(main, [id]) {
     values.replaceChildren(...list.map((v) => drawValue(h("div", { "data-tag": v.tag }, h("dt", null, name(v.tag)), h("dd")), v)));
   }
 
+  // What drives a loop is taken from measured disturbances alone. Where loops drive each other, the only one whose valve sticks is named.
+  const source = (origin) => (!origin.starts_in ? "some of these loops drive each other." : origin.sticky ? `the valve of ${origin.starts_in} sticks, and such a valve can swing by itself.` : `nothing known drives ${origin.starts_in}.`);
+
   function drawEffects(report, said, origin) {
     const { residual: r } = report;
-    const gain = (before, after) => (before && after ? ` (${short((100 * (before - after)) / before, 2)} % less)` : "");
+    const gain = (before, after) => (!before || !after || before === after ? "" : ` (${short(Math.abs((100 * (before - after)) / before), 2)} % ${after < before ? "less" : "more"})`);
     const found = said.effects.map((one) =>
       h("li", null, h("strong", null, one.title), one.meaning && h("span", null, one.meaning), one.advice && h("span", null, one.advice), h("p", null, one.posterior === null ? one.detail : `${one.detail}; probability ${percent(one.posterior)}`)));
-    const nothing = said.notes.length ? "" : r.white_after ? "Friction and a linear process explain PV: what is left over is noise." : r.unexplained ? "Something is left that no known effect explains." : "";
+    const model = report.verdict === "stiction" ? "Friction and a linear process explain PV" : "A linear process explains PV";
+    const nothing = said.notes.length ? "" : r.white_after ? `${model}: what is left over is noise.` : r.unexplained ? "Something is left that no known effect explains." : "";
     boxes.effects.replaceChildren(found.length ? h("ul", { class: "effects" }, found) : h("p", null, nothing), found.length && r.unexplained ? h("p", null, "Something more is left that no known effect explains.") : "",
       ...said.notes.map((note) => h("p", null, note)),
-      origin ? h("p", null, "The swing comes along ", origin.path.toReversed().flatMap((id, i) => [i ? " → " : "", h("a", { href: `#/loop/${encodeURIComponent(id)}` }, id)]), origin.starts_in ? `: it starts in ${origin.starts_in}${origin.sticky ? ", whose valve sticks." : "."}` : ": these loops drive each other.") : "",
+      origin ? h("p", null, "A disturbance comes along ", origin.path.toReversed().flatMap((id, i) => [i ? " → " : "", h("a", { href: `#/loop/${encodeURIComponent(id)}` }, id)]), `: ${source(origin)}`) : "",
       said.left.length ? h("p", { class: "note" }, `The residual is no noise yet: ${said.left.join("; ")}.`) : "",
       h("dl", { class: "facts" }, pairs([
         ["one-step error before, after", `${short(r.one_step_rmse_before, 3)}, ${short(r.one_step_rmse_after, 3)}${gain(r.one_step_rmse_before, r.one_step_rmse_after)}`],
@@ -126,7 +130,7 @@ export function loopView(main, [id]) {
 
   function drawWriteback(view) {
     const row = (name, key, unit) => h("tr", null, h("th", { scope: "row" }, name), ...["before", "with", "running"].map((of) => h("td", { class: "number" }, view.effect?.[of] ? `${short(view.effect[of][key], 3)}${unit}` : "–")));
-    const table = scroll("Before and with compensation", h("table", null, h("thead", null, h("tr", null, ["", "before", "with the term", "under way"].map((text, i) => h("th", { scope: "col", class: i ? "number" : null }, text)))),
+    const table = scroll("Before and with the term", h("table", null, h("thead", null, h("tr", null, ["", "before", "with the term", "under way"].map((text, i) => h("th", { scope: "col", class: i ? "number" : null }, text)))),
       h("tbody", null, row("length (s)", "length_s", ""), row("ISE", "ise", ""), row("IAE", "iae", ""), row("PV standard deviation", "pv_sd", ""), row("stem travel", "travel_percent", " %"), row("reversals", "reversals", ""))));
     boxes.writeback.replaceChildren(h("dl", { class: "facts" }, pairs([["state", words(view.state)], ["since", when(view.since)], ["term", `${short(view.term_percent)} %`], ["in force", `${short(view.in_force_percent)} %`],
       ["ISE before over ISE with", view.effect ? short(view.effect.ise_gain, 3) : "–"], ["stem travel, with over before", view.effect ? short(view.effect.travel_ratio, 3) : "–"], ["granted by", view.grant ? `${view.grant.by}${view.grant.approved_by ? `, approved by ${view.grant.approved_by}` : ", not approved"}` : "nobody"],

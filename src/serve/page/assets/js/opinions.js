@@ -86,7 +86,7 @@ export function opinionsPanel(id, box) {
       if (!report?.opinions?.length) return false;
       const focused = box.contains(document.activeElement) ? document.activeElement.closest("details")?.dataset.method : null;
       const { agreement } = report;
-      const line = agreement ? `${agreement.sticks} of ${agreement.could_tell} methods that could tell say that the valve sticks${report.verdict === "not_identifiable" ? "." : `, ${agreement.agree} agree with the verdict.`}` : "";
+      const line = !agreement ? "" : agreement.could_tell === 0 ? "No method could tell." : `${agreement.sticks} of ${agreement.could_tell} methods that could tell say that the valve sticks${report.verdict === "not_identifiable" ? "." : `, ${agreement.agree} agree with the verdict.`}`;
       box.replaceChildren(h("p", { class: report.doubtful ? "agreement doubtful" : "agreement" }, report.doubtful ? h("strong", null, "Doubtful. ") : "", line, report.doubtful && notes?.length ? ` ${notes.at(-1)}` : ""),
         h("ol", { class: "opinions" }, report.opinions.map(row)));
       if (focused) box.querySelector(`details[data-method="${CSS.escape(focused)}"] summary`)?.focus();

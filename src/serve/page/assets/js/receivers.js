@@ -96,7 +96,7 @@ export function receivers(main, told) {
       if (over) return;
       told(items);
       const failing = items.filter((item) => item.state === "failing").length, lost = items.reduce((sum, item) => sum + item.dead_letters, 0);
-      summary.textContent = items.length ? `${items.length} ${items.length === 1 ? "receiver" : "receivers"}, ${failing} failing, ${count(lost)}` : "Nobody is told of alarms: there is no [notify] in the configuration.";
+      summary.textContent = items.length ? `${items.length} ${items.length === 1 ? "receiver" : "receivers"}, ${failing} failing, ${count(lost)}` : "This machine tells nobody of alarms: its configuration has no [notify].";
       await letters();
       if (!over) redraw(() => rows.replaceChildren(...items.map(row)), () => list);
     } catch (error) {

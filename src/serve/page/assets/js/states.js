@@ -1,6 +1,19 @@
 // What a loop looks like: its class, its shape, its words. A state that is not known here is shown by its name.
 
-export const VERDICTS = { stiction: "sticks", no_stiction: "sound", not_identifiable: "cannot be told" };
+export const VERDICTS = { stiction: "sticks", no_stiction: "no sticking", not_identifiable: "cannot be told" };
+
+// Why nothing can be told of a valve, short enough for a tile. The plant's report has the same words, and a test compares them.
+const REASONS = {
+  too_short: "too little data", no_time_base: "no time base", gaps: "data missing", flat_op: "OP stands still", flat_pv: "PV stands still",
+  saturated: "OP at a limit", manual: "not in automatic", not_excited: "OP hardly reverses", hidden_friction: "sticking would not show", undersampled: "sampled too slowly",
+  no_response: "PV hidden by loads", stem_not_followed: "sticks, or load jumps", compensated: "write-back hides it", out_of_scale: "values out of scale", deadline_exceeded: "took too long",
+};
+
+// What an alarm is about, as mails and reports call it; a test compares them with the reports.
+const ALARMS = {
+  stiction: "the valve sticks", f_rising: "friction rises", not_identifiable: "cannot be told", tag_bad: "a tag is bad", collector_down: "the collector is down",
+  compensation_tripped: "write-back was closed by a fault", unexplained_residual: "much is unexplained",
+};
 
 /** The kinds of tile, worst first. `shape` is drawn by the style sheet: no kind is told by colour alone. */
 export const KINDS = [
@@ -14,7 +27,7 @@ export const KINDS = [
   { key: "silent", label: "Suppressed or out of service", short: "OFF", look: 0 },
   { key: "unknown", label: "Cannot be told", short: "?", look: 0 },
   { key: "waiting", label: "Not diagnosed yet", short: "…", look: 0 },
-  { key: "sound", label: "Sound", short: "", look: 0 },
+  { key: "sound", label: "No sticking shown", short: "", look: 0 },
 ];
 const KIND = new Map(KINDS.map((kind, rank) => [kind.key, { ...kind, rank }]));
 
@@ -31,6 +44,12 @@ export const kind = (key) => KIND.get(key);
 
 /** A name from the API as words. */
 export const words = (name) => String(name ?? "").replaceAll(/[-_]/g, " ");
+
+/** Why nothing can be told, by the code of the reason. */
+export const whyNot = (code) => REASONS[code] ?? words(code);
+
+/** What an alarm of a kind is about. */
+export const alarmWords = (kind) => ALARMS[kind] ?? words(kind);
 
 /** What an operator may ask for in a state; the daemon has the last word. */
 export const mayAck = (state) => !["normal", "acknowledged", "latched-acknowledged", "shelved", "suppressed-by-design", "out-of-service"].includes(state);

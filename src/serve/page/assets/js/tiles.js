@@ -1,8 +1,8 @@
 // One loop as a tile. Tiles live as long as their loops; a refresh changes what changed.
 
 import { h } from "./dom.js";
-import { friction, short, when } from "./format.js";
-import { kindOf, words } from "./states.js";
+import { friction, frictionNamed, short, when } from "./format.js";
+import { kindOf, whyNot, words } from "./states.js";
 
 // The bar in a tile is full at this f (% OP): more is as bad. In other units nobody knows what is bad, and there is none.
 const FULL = 5, PERCENT = "% OP";
@@ -20,9 +20,10 @@ function make(id) {
 
 function valueOf(item) {
   if (!item.verdict) return "waiting for data";
-  if (item.verdict === "not_identifiable") return words(item.reason_code);
+  if (item.verdict === "not_identifiable") return whyNot(item.reason_code);
   if (item.verdict === "stiction") return `f ${short(item.f, 3)} ${item.f_unit}`;
-  return item.f_ci95?.[1] > 0 ? `f < ${short(item.f_ci95[1], 2)} ${item.f_unit}` : "f 0";
+  // That such an f could be hidden is said in the title: there is no room for it.
+  return item.f_ci95?.[1] > 0 ? `f up to ${short(item.f_ci95[1], 2)} ${item.f_unit}` : "f 0";
 }
 
 /** The tile of a loop, as it is now. */
@@ -37,7 +38,7 @@ export function tileOf(item) {
   tile.text.textContent = item.description || item.group;
   tile.value.textContent = valueOf(item);
   tile.bar.style.width = sticks && item.f_unit === PERCENT ? `${Math.min(100, (100 * item.f) / FULL)}%` : "0";
-  const lines = [`${item.id}: ${kind.label}`, item.description, item.group, item.words, item.verdict && item.verdict !== "not_identifiable" && `f ${friction(item)}`, item.doubtful && "other methods contradict this", item.failure && `latest run: ${words(item.failure)}`, item.time && `diagnosed ${when(item.time)}`];
+  const lines = [`${item.id}: ${kind.label}`, item.description, item.group, item.words, item.verdict && item.verdict !== "not_identifiable" && frictionNamed(item), item.doubtful && "other methods contradict this", item.failure && `latest run: ${words(item.failure)}`, item.time && `diagnosed ${when(item.time)}`];
   tile.link.title = lines.filter(Boolean).join("\n");
   tile.link.setAttribute("aria-label", [item.id, kind.label, sticks && `f ${friction(item)}`, item.description, item.group].filter(Boolean).join(", "));
   return tile.link;

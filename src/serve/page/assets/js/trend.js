@@ -151,7 +151,8 @@ export async function trend(box, id, period, onValues) {
     const value = (tag) => {
       const [xs, ys] = columns.get(tag) ?? [[], []];
       let i = xs.findLastIndex((x) => x <= time);
-      return i < 0 || ys[i] === null ? "bad" : `${Number(ys[i].toPrecision(5))} ${units.get(tag) ?? ""}`;
+      // Before its first sample nothing is known of a tag.
+      return i < 0 ? "–" : ys[i] === null ? "bad" : `${Number(ys[i].toPrecision(5))} ${units.get(tag) ?? ""}`;
     };
     if (time) readout.textContent = `${clock(1000 * time)}   ${shown.flat().map((one) => `${one.name} ${value(one.tag)}`).join("   ")}`;
   }

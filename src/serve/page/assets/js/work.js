@@ -7,7 +7,7 @@ import { percent, short, when } from "./format.js";
 import { loops } from "./live.js";
 import { may } from "./session.js";
 
-const COLUMNS = ["Loop", "State", "Cause", "Why", "Expected to calm down with it", "Cost", "By, remark", ""];
+const COLUMNS = ["Loop", "State", "Cause", "Why", "May calm down with it", "Cost", "By, remark", ""];
 // A row of a state has the mark of a tile that is as urgent.
 const MARKS = { open: "unacknowledged", ordered: "acknowledged", repaired: "sticking", watched: "waiting", verified: "sound", calmed: "sound", dismissed: "silent" };
 const MAY = { watched: ["order", "dismiss"], open: ["order", "repaired", "dismiss"], ordered: ["repaired", "dismiss"], repaired: ["reopen"], verified: ["reopen"], calmed: ["reopen"], dismissed: ["reopen"] };
@@ -46,7 +46,7 @@ export function workView(main, _parts, query) {
     const sure = item.cause && item.cause !== "unknown" ? h("small", null, ` ${percent(item.probability)}`) : null;
     return h("tr", { "data-kind": MARKS[item.state] ?? "other", "data-id": item.id },
       h("td", null, h("span", { class: "mark" }), link(item.id), " ", h("small", null, loops.get(item.id)?.description ?? "")),
-      h("td", null, item.state, h("small", null, ` since ${when(item.since)}`), item.reopened ? h("small", null, `, a repair did not help (${item.reopened})`) : null),
+      h("td", null, item.state, h("small", null, ` since ${when(item.since)}`), item.reopened ? h("small", null, `, ${item.reopened} ${item.reopened === 1 ? "repair" : "repairs"} did not help`) : null),
       h("td", null, item.cause ?? "–", sure), h("td", { class: "what" }, item.why, changed(item)), h("td", { class: "what" }, victims(item.victims)),
       h("td", { class: "number" }, item.cost === null ? "–" : `${short(item.cost, 3)} ${item.cost_unit}`), h("td", null, [item.by, item.note].filter(Boolean).join(": ")),
       h("td", { class: "act" }, may("operator") ? (MAY[item.state] ?? []).map(button) : null));
@@ -69,7 +69,7 @@ export function workView(main, _parts, query) {
       if (focused) main.querySelector(`[data-act="${CSS.escape(focused)}"]`)?.focus();
       more.hidden = list.items.length <= wanted;
       const watched = list.watched ? `; ${list.watched} suspected, not for long enough yet` : "";
-      summary.textContent = `${list.standing ? `${list.standing} to do` : "Nothing is to be done"}${watched}.`;
+      summary.textContent = `${list.standing ? `${list.standing} to do` : "There is nothing to do"}${watched}.`;
     } catch (error) {
       if (!over) summary.textContent = `the work list cannot be fetched: ${error.message}`;
     }
