@@ -1,6 +1,6 @@
 //! What archives do to f, and how many of them are recognised, on loops that the seeds draw:
 //! `cargo run --release --example history_kinds -- 24` diagnoses so many sticky and so many sound loops, raw and as each
-//! archive would have kept them.
+//! archive would have kept them. The declared model alone judges them.
 
 #[path = "../numerics/tests/common/parallel.rs"]
 mod parallel;
@@ -74,44 +74,90 @@ fn main() -> ExitCode {
     ] {
         println!("{class}: {seeds} loops");
         println!(
-            "{:36} {:>6} {:>9} {:>6} {:>4} {:>5} | {:>6} {:>6} {:>6} | recognised",
-            "archive", "kept", "stiction", "none", "n.i.", "both", "low", "f/raw", "high"
+            "{:36} {:>6} {:>9} {:>6} {:>4} | {:>5} {:>6} {:>6} {:>6} | {:>5} {:>6} {:>6} {:>6} | recognised",
+            "archive",
+            "kept",
+            "stiction",
+            "none",
+            "n.i.",
+            "both",
+            "low",
+            "f/raw",
+            "high",
+            "n",
+            "low",
+            "f/true",
+            "high"
         );
         let found = parallel::each(&scenarios, |scenario| judged(scenario, &archives));
         for (at, (name, _)) in archives.iter().enumerate() {
-            let of: Vec<_> = found.iter().filter_map(|all| Some((&all.first()?.0, all.get(at)?))).collect();
+            let of: Vec<Judged> = scenarios
+                .iter()
+                .zip(&found)
+                .filter_map(|(scenario, all)| {
+                    let (diagnosis, kept) = all.get(at)?;
+                    Some(Judged {
+                        truth: 0.5 * scenario.truth.s,
+                        raw: &all.first()?.0,
+                        diagnosis,
+                        kept: *kept,
+                    })
+                })
+                .collect();
             println!("{name:36} {}", line(&of));
         }
     }
     ExitCode::SUCCESS
 }
 
-/// Verdicts, f against the raw record's where both say that it sticks (quartiles), and what was recognised.
-fn line(of: &[(&Diagnosis, &(Diagnosis, f64))]) -> String {
-    let count = |wanted: &str| of.iter().filter(|(_, (d, _))| d.verdict.as_str() == wanted).count();
-    let f =
-        |d: &Diagnosis| (d.verdict == Verdict::Stiction).then(|| d.estimate.as_ref().map(|e| e.f)).flatten();
-    let mut ratio: Vec<f64> = of.iter().filter_map(|(raw, (d, _))| Some(f(d)? / f(raw)?)).collect();
-    ratio.sort_by(f64::total_cmp);
-    let quartile =
-        |q: f64| ratio.get((q * ratio.len() as f64) as usize).map_or("-".into(), |r| format!("{r:.2}"));
+/// What an archive makes of one loop.
+struct Judged<'a> {
+    /// S/2 (% OP); 0 where the valve is sound.
+    truth: f64,
+    /// What is said of the raw record.
+    raw: &'a Diagnosis,
+    diagnosis: &'a Diagnosis,
+    /// Share of PV's samples that are kept.
+    kept: f64,
+}
+
+/// f where stiction is told.
+fn f(of: &Diagnosis) -> Option<f64> {
+    of.estimate.as_ref().filter(|_| of.verdict == Verdict::Stiction).map(|e| e.f)
+}
+
+/// How many ratios there are, and their quartiles.
+fn quartiles(mut ratios: Vec<f64>) -> String {
+    ratios.sort_by(f64::total_cmp);
+    let [low, middle, high] = [0.25, 0.5, 0.75].map(|share| {
+        let at = (share * ratios.len() as f64) as usize;
+        ratios.get(at).map_or("-".into(), |ratio| format!("{ratio:.2}"))
+    });
+    format!("{:>5} {low:>6} {middle:>6} {high:>6}", ratios.len())
+}
+
+/// Verdicts; f against the raw record's where both say that it sticks, which leaves out what the archive hides, and against the
+/// truth where the archive's record is said to stick; and what was recognised.
+fn line(of: &[Judged]) -> String {
+    let count = |wanted: &str| of.iter().filter(|own| own.diagnosis.verdict.as_str() == wanted).count();
+    let by_raw = of.iter().filter_map(|own| Some(f(own.diagnosis)? / f(own.raw)?)).collect();
+    let sticking = of.iter().filter(|own| own.truth > 0.0);
+    let by_truth = sticking.filter_map(|own| Some(f(own.diagnosis)? / own.truth)).collect();
     let mut kinds: Vec<&str> = of
         .iter()
-        .map(|(_, (d, _))| d.preparation.history.as_ref().map_or("-", |h| h.kind.as_str()))
+        .map(|own| own.diagnosis.preparation.history.as_ref().map_or("-", |h| h.kind.as_str()))
         .collect();
     kinds.sort_unstable();
     let kinds: Vec<String> =
         kinds.chunk_by(|a, b| a == b).map(|same| format!("{} {}", same[0], same.len())).collect();
     format!(
-        "{:>5.0}% {:>9} {:>6} {:>4} {:>5} | {:>6} {:>6} {:>6} | {}",
-        100.0 * of.iter().map(|(_, (_, kept))| kept).sum::<f64>() / of.len().max(1) as f64,
+        "{:>5.0}% {:>9} {:>6} {:>4} | {} | {} | {}",
+        100.0 * of.iter().map(|own| own.kept).sum::<f64>() / of.len().max(1) as f64,
         count("stiction"),
         count("no_stiction"),
         count("not_identifiable"),
-        ratio.len(),
-        quartile(0.25),
-        quartile(0.5),
-        quartile(0.75),
+        quartiles(by_raw),
+        quartiles(by_truth),
         kinds.join(", ")
     )
 }

@@ -28,6 +28,7 @@ const PAUSED: &[Denial] = &[
     Denial::ModeBad,
     Denial::PollOverrun,
     Denial::WriteFailed,
+    Denial::NotAtZero,
 ];
 
 /// Grants and approves each sticky loop as soon as nothing else is missing: once, and again after each pause of the computer.

@@ -135,6 +135,20 @@ async fn a_panic_is_counted_and_harms_no_other_loop() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn a_copy_that_panics_is_counted_and_harms_no_later_run() {
+    let mut rig = rig(Config::default(), jobs(&["a"], 10.0), |_| {});
+    let broken: Snapshot =
+        Arc::new(|_: &LoopId| -> Option<Record> { panic!("a copy that fails on purpose") });
+    rig.scheduler.replace(Plan { snapshot: broken, ..plan(jobs(&["a"], 10.0)) });
+    let answer = rig.scheduler.request(&LoopId::new("a")).expect("there is room").await;
+    assert!(answer.is_err(), "nothing was run");
+    assert_eq!(rig.scheduler.counters().panicked, 1);
+    rig.scheduler.replace(plan(jobs(&["a"], 10.0)));
+    assert_eq!(rig.next_run().await.2, "not_identifiable");
+    rig.stop().await;
+}
+
+#[tokio::test(start_paused = true)]
 async fn past_its_deadline_a_run_is_reported_and_its_late_result_dropped() {
     let (open, wait) = gate();
     let config = Config { parallelism: 2, deadline_s: 30.0, ..Config::default() };
