@@ -124,7 +124,8 @@ async fn a_minute_after_the_start_every_loop_has_its_right_verdict() {
             off.push(what);
         }
     }
-    assert!(off.is_empty(), "f is neither near S/2 nor does its interval hold it: {off:#?}");
+    // Of nine intervals of 95 % three and more fail once in a hundred and twenty times.
+    assert!(off.len() <= 2, "f is neither near S/2 nor does its interval hold it: {off:#?}");
 
     stop.cancel();
     // Ctrl-C cancels the same token: it ends well below the 5 s after which connections would be cut.
