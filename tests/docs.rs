@@ -446,11 +446,16 @@ fn a_constant_is_read_as_the_source_writes_it() {
 }
 
 /// What each hypothesis costs: its file, rate and alternatives in the source, and both as docs/method.md says them.
-const COSTS: [(&str, [&str; 2], [&str; 2]); 11] = [
+const COSTS: [(&str, [&str; 2], [&str; 2]); 12] = [
     (
         "load/oscillating_load.rs",
-        ["FREQUENCY + 2.0 * REGULAR * self.harmonics.len() as f64", "HARMONICS.len() as f64"],
-        ["3/2 + 1 for each harmonic", "3"],
+        ["FREQUENCY + 2.0 * REGULAR * self.harmonics.len() as f64", "SETS"],
+        ["3/2 + 1 for each harmonic", "4"],
+    ),
+    (
+        "load/cornered_load.rs",
+        ["FREQUENCY + 2.0 * THRESHOLD + REGULAR * (ORDER + 2) as f64", "SETS"],
+        ["3/2 + 2 · 1 + 5 · 1/2", "4"],
     ),
     (
         "load/measured_disturbance.rs",

@@ -36,6 +36,8 @@ pub struct Comparison<'a> {
     pub fitted: Vec<Fitted>,
     /// A kind that is known to be there: it is searched more thoroughly.
     told: Option<Kind>,
+    /// Whether the valve is taken to be sound: then no valve competes.
+    sound: bool,
 }
 
 impl Comparison<'_> {
@@ -83,6 +85,7 @@ impl Comparison<'_> {
                 }
             }
         }
+        proposed.retain(|own| !self.sound || own.3.valve.is_none());
         proposed.sort_by(|a, b| b.0.total_cmp(&a.0));
         let mut taken: Vec<((Kind, bool), f64)> = Vec::new();
         let mut begun: Vec<((Kind, bool), usize, Fitted)> = Vec::new();
@@ -249,25 +252,30 @@ impl Comparison<'_> {
 ///
 /// * `valves`: those found beside `effects`.
 /// * `pool`: valves found before, which are offered to all and added to.
+///
+/// Without `valves` and with `sound` no valve is searched for either.
 pub fn compare(
     data: &IdData,
     effects: &Hypothesis,
     valves: &[Found],
     pool: &mut Vec<ValveModel>,
     told: Option<Kind>,
+    sound: bool,
 ) -> Vec<Fitted> {
     add(pool, valves.iter().map(|found| found.valve));
     let mut fitted = vec![fit_base(data, effects.with_valve(None))];
     fitted.extend(
         valves.iter().map(|found| fit_anew(data, effects.with_valve(Some(found.valve)), Some(&found.fit))),
     );
-    let mut comparison = Comparison { data, count: effects.effects.len(), fitted, told };
+    let mut comparison = Comparison { data, count: effects.effects.len(), fitted, told, sound };
     comparison.propose();
     comparison.retime();
     comparison.offer_effects();
     comparison.offer_times();
-    comparison.search_beside(pool);
-    comparison.offer(pool);
+    if !sound {
+        comparison.search_beside(pool);
+        comparison.offer(pool);
+    }
     comparison.offer_special_cases();
     comparison.settle();
     comparison.offer_times();

@@ -79,8 +79,27 @@ impl ScoreTest {
         factor(&mut gram, order, order, &mut live);
         let weighted = columns.iter().map(|column| by(column, &omega)).collect();
         let we = by(&errors, &omega);
-        let power = dot(&we, &errors);
-        Self { errors, omega, weighted, factor: gram, live: live[..order].to_vec(), we, power, count }
+        let live = live[..order].to_vec();
+        let mut test = Self { errors, omega, weighted, factor: gram, live, we, power: 0.0, count };
+        test.settle();
+        test
+    }
+
+    /// Takes out of the errors what the gradient still explains: a fit that ends after some iterations leaves a little, and a
+    /// column that nearly lies in the gradient would gain from it without end.
+    fn settle(&mut self) {
+        let mut b: Vec<f64> = self.weighted.iter().map(|x| dot(x, &self.errors)).collect();
+        self.forward(&mut b);
+        let order = b.len();
+        for i in (0..order).rev() {
+            let below: f64 = (i + 1..order).map(|j| self.factor[j * order + i] * b[j]).sum();
+            b[i] = if self.live[i] { (b[i] - below) / self.factor[i * order + i] } else { 0.0 };
+        }
+        for (x, b) in self.weighted.iter().zip(b) {
+            self.we.iter_mut().zip(x).for_each(|(we, x)| *we -= b * x);
+        }
+        let each = self.we.iter().zip(&self.omega).filter(|(_, omega)| **omega > 0.0);
+        self.power = each.map(|(we, omega)| we * we / omega).sum();
     }
 
     /// Solves `L z = g` in place.
@@ -263,4 +282,29 @@ fn solve(d: &mut [f64], m: usize, r: &[f64]) -> Vec<f64> {
         out[i] = (out[i] - sum) / d[i * m + i];
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    #[test]
+    fn a_column_that_nearly_lies_in_the_others_gains_no_more_than_its_own_part_explains() {
+        let n = 400;
+        let mut draw = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(5));
+        let mut noise = || -> Vec<f64> { draw.by_ref().take(n).collect() };
+        let wave = |phase: f64| -> Vec<f64> { (0..n).map(|k| (0.05 * k as f64 + phase).sin()).collect() };
+        let (a, b) = (wave(0.0), wave(1.0));
+        let (errors, other) = (noise(), noise());
+        let nearly =
+            |by: f64| -> Vec<f64> { a.iter().zip(&other).map(|(a, other)| a + by * other).collect() };
+        // A fit that ended early: its errors still hold a tenth of a column.
+        let unsettled: Vec<f64> = errors.iter().zip(&a).map(|(e, a)| e + 0.1 * a).collect();
+        let test = |errors: &[f64]| ScoreTest::new(&[&a, &b], vec![1.0; n], errors.to_vec(), n as f64);
+        let gains: Vec<f64> = [1.0, 1e-2, 1e-4].map(|by| test(&unsettled).alone(nearly(by)).0).to_vec();
+        let own = test(&errors).alone(other.clone()).0;
+        assert!(gains.iter().all(|gain| (gain - own).abs() < 1e-3 * (1.0 + own)), "{gains:?} for {own}");
+    }
 }

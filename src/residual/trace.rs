@@ -101,7 +101,7 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings, closed
         return None;
     }
     let declared = fit_anew(&recorded, Hypothesis { valve, effects: Vec::new() }, None);
-    let (selected, rejected) = select_confirmed(&data, settings, found)?;
+    let (selected, rejected) = select_either(&data, settings, found)?;
     let Selected { best, added, candidates, friction, slip_jump } = selected;
     let outcome =
         Outcome { recorded, data, declared, best, facts, added, rejected, candidates, friction, slip_jump };
@@ -158,7 +158,7 @@ fn direct(data: &mut IdData, known: &[ValveModel], found: Vec<Found>) -> Vec<Fou
 pub fn first_step(window: &Window, settings: &Settings) -> Vec<Row> {
     let Some(mut data) = iddata(window) else { return Vec::new() };
     let (found, _) = prepare(&mut data, settings);
-    let fitted = compare(&data, &Hypothesis::default(), &found, &mut Vec::new(), None);
+    let fitted = compare(&data, &Hypothesis::default(), &found, &mut Vec::new(), None, false);
     let row = |d: &Fitted| Row {
         kind: d.kind(),
         friction: class(&d.hypothesis),
@@ -198,18 +198,31 @@ struct Begun {
     added: Vec<(Evidence, f64)>,
     found: Vec<Found>,
     pool: Vec<ValveModel>,
+    /// Whether no valve competes.
+    sound: bool,
+}
+
+impl Begun {
+    /// From the beginning, with the valves that were found.
+    fn beside(found: Vec<Found>) -> Self {
+        Self { effects: Hypothesis::default(), added: Vec::new(), found, pool: Vec::new(), sound: false }
+    }
+
+    /// From the beginning, with a valve that is sound.
+    fn sound() -> Self {
+        Self { sound: true, ..Self::beside(Vec::new()) }
+    }
 }
 
 /// Selects effects, then asks the held-out samples about each: one that is less likely than not with them goes, is not added
-/// again, and the selection goes on. `found`: the valves without an effect. The second value is what was rejected.
+/// again, and the selection goes on. The second value is what was rejected.
 fn select_confirmed(
     data: &IdData,
     settings: &Settings,
-    found: Vec<Found>,
+    mut begun: Begun,
 ) -> Option<(Selected, Vec<(Kind, Evidence)>)> {
     let mut rejected: Vec<(Kind, Evidence)> = Vec::new();
-    let effects = Hypothesis::default();
-    let mut begun = Begun { effects, added: Vec::new(), found: found.clone(), pool: Vec::new() };
+    let (found, sound) = (begun.found.clone(), begun.sound);
     loop {
         let mut selected = select(data, settings, &rejected, begun)?;
         let mut posteriors = Vec::new();
@@ -231,9 +244,10 @@ fn select_confirmed(
         pool.extend(found.iter().map(|found| found.valve));
         let found = match effects.effects.is_empty() {
             true => found.clone(),
+            false if sound => Vec::new(),
             false => search(data, &effects, &pool, Effort::Near),
         };
-        begun = Begun { effects, added: selected.added, found, pool };
+        begun = Begun { effects, added: selected.added, found, pool, sound };
     }
 }
 
@@ -273,11 +287,11 @@ fn select(
     begun: Begun,
 ) -> Option<Selected> {
     let most = settings.most_effects;
-    let Begun { mut effects, mut added, mut found, mut pool } = begun;
+    let Begun { mut effects, mut added, mut found, mut pool, sound } = begun;
     let mut steps = 0;
     loop {
         steps += 1;
-        let fitted = compare(data, &effects, &found, &mut pool, settings.only);
+        let fitted = compare(data, &effects, &found, &mut pool, settings.only, sound);
         let table = table(&fitted, &effects);
         let kinds = table.kinds();
         let (kind, posterior) = *kinds.first()?;
@@ -315,8 +329,36 @@ fn select(
             pool.retain(|other| *other != valve);
             pool.insert(0, valve);
         }
-        found = search(data, &effects, &pool, Effort::Near);
+        if !sound {
+            found = search(data, &effects, &pool, Effort::Near);
+        }
     }
+}
+
+/// What is selected, unless an explanation without friction is likelier once it is searched for on its own.
+///
+/// Effects are added one by one, so friction may be the best first step and not the best explanation: a stem that stands still
+/// and then moves looks like several steps of a load, none of which pays alone. What competes with friction may have twice as
+/// many effects, each of them paid for.
+fn select_either(
+    data: &IdData,
+    settings: &Settings,
+    found: Vec<Found>,
+) -> Option<(Selected, Vec<(Kind, Evidence)>)> {
+    let (mut sticky, rejected) = select_confirmed(data, settings, Begun::beside(found))?;
+    // A fit that is told the friction does not ask for it.
+    if settings.friction.is_some() || sticky.best.hypothesis.valve.is_none() {
+        return Some((sticky, rejected));
+    }
+    let worth = |fitted: &Fitted| fitted.score + log_prior(fitted.hypothesis.effects.len());
+    let more = Settings { most_effects: 2 * settings.most_effects, ..settings.clone() };
+    let rival = select(data, &more, &[], Begun::sound())?;
+    sticky.friction = sticky.friction.min(worth(&sticky.best) - worth(&rival.best));
+    if sticky.friction > 0.0 {
+        return Some((sticky, rejected));
+    }
+    let (sound, rejected) = select_confirmed(data, settings, Begun::sound())?;
+    Some((Selected { friction: sticky.friction, ..sound }, rejected))
 }
 
 #[cfg(test)]

@@ -78,6 +78,10 @@ impl Question<'_> {
         let within = interval(data, &best.hypothesis, unseen).map(|f| f * unit);
         let sticks = f > settings.f_threshold && evidence > settings.evidence_threshold && within[0] > 0.0;
         let verdict = match &diagnosis.verdict {
+            // A stem that PV is not seen to answer may be any signal that happens to look like PV's load.
+            Verdict::NotIdentifiable(NotIdentifiable::NoResponse) => {
+                Verdict::NotIdentifiable(NotIdentifiable::NoResponse)
+            }
             _ if sticks && follows(data, best) => Verdict::Stiction,
             _ if sticks => Verdict::NotIdentifiable(NotIdentifiable::StemNotFollowed),
             Verdict::NotIdentifiable(why) => Verdict::NotIdentifiable(why.clone()),

@@ -1,5 +1,6 @@
 //! Loads: what drives PV whatever the valve does.
 
+pub mod cornered_load;
 pub mod drift;
 pub mod load_step;
 pub mod measured_disturbance;

@@ -1,8 +1,9 @@
 //! A periodic load: `sum over h of s_h sin(h w k) + c_h cos(h w k)`.
 //!
 //! Parameters: angular frequency w (rad/sample), rate 3/2; two coefficients a harmonic, rate 1/2 each. Alternatives: sets
-//! of harmonics. Proposed at the lines of the spectra of the errors and of PV.
+//! of harmonics, and one with corners ([`super::cornered_load`]). Proposed at the lines of the spectra of the errors and of PV.
 
+use super::cornered_load::likeliest;
 use crate::residual::effect::EffectModel;
 use crate::residual::hypotheses::{Proposal, Propose, best};
 use crate::residual::report::{Described, of_wave};
@@ -17,6 +18,8 @@ use std::f64::consts::{PI, TAU};
 
 /// Sets of harmonics: a sine, a load with even ones, a square or triangle.
 const HARMONICS: [&[usize]; 3] = [&[1], &[1, 2, 3], &[1, 3, 5, 7, 9]];
+/// Sets of harmonics, and a load with corners.
+pub const SETS: f64 = HARMONICS.len() as f64 + 1.0;
 /// Highest angular frequency of a harmonic (rad/sample).
 const HIGHEST: f64 = 0.9 * PI;
 /// Fewest periods in the fitted rows.
@@ -25,6 +28,8 @@ const PERIODS: f64 = 3.0;
 const LINES: [usize; 2] = [4, 3];
 /// Loads proposed.
 const LOADS: usize = 3;
+/// Lines at which corners are searched for: those at which harmonics gain most.
+const CORNERED: usize = 2;
 
 /// The periodic loads.
 pub struct Oscillating;
@@ -72,7 +77,7 @@ impl EffectModel for Load {
         FREQUENCY + 2.0 * REGULAR * self.harmonics.len() as f64
     }
     fn alternatives(&self) -> f64 {
-        HARMONICS.len() as f64
+        SETS
     }
     fn smooth(&self) -> Vec<Smooth> {
         let highest = HIGHEST / self.harmonics.iter().copied().max().unwrap_or(1) as f64;
@@ -89,19 +94,23 @@ impl EffectModel for Load {
         out.extend(self.shapes(data.len()));
     }
     fn describe(&self, data: &IdData, model: &Armax, gamma: &[f64]) -> Described {
-        let period = TAU / self.w * data.units.ts;
         let own = gamma.iter().take(2).map(|g| g * g).sum::<f64>().sqrt();
-        let [pv, op] = of_wave(data, model, self.w).map(|worth| own * worth);
-        Described::new(format!(
-            "a load with a period of {} s drives PV; its amplitude in PV would be {} without control",
-            figures(period),
-            told(pv)
-        ))
-        .with("period_s", period, "s")
-        .with("amplitude", pv, "PV")
-        .with("amplitude_op", op, "OP")
-        .with("harmonics", self.harmonics.len() as f64, "-")
+        told_as_load(data, model, self.w, own).with("harmonics", self.harmonics.len() as f64, "-")
     }
+}
+
+/// A periodic load in words: `own` is the amplitude of its first harmonic in the equation.
+pub fn told_as_load(data: &IdData, model: &Armax, w: f64, own: f64) -> Described {
+    let period = TAU / w * data.units.ts;
+    let [pv, op] = of_wave(data, model, w).map(|worth| own * worth);
+    Described::new(format!(
+        "a load with a period of {} s drives PV; its amplitude in PV would be {} without control",
+        figures(period),
+        told(pv)
+    ))
+    .with("period_s", period, "s")
+    .with("amplitude", pv, "PV")
+    .with("amplitude_op", op, "OP")
 }
 
 /// The angular frequency of a load with the fewest periods (rad/sample).
@@ -134,7 +143,7 @@ impl Propose for Oscillating {
         };
         // What a load costs, as a log-likelihood.
         let cost = |load: &dyn EffectModel| load.rate() * (n as f64).ln() / TEMPERING;
-        let mut out = Vec::new();
+        let (mut out, mut rated) = (Vec::new(), Vec::new());
         for w in lines {
             let mut load = Load { w, lowest: lowest(data), harmonics: HARMONICS[0] };
             let (mut gain, mut step) = (rate(&load), 0.25 * TAU / n as f64);
@@ -148,15 +157,24 @@ impl Propose for Oscillating {
                 }
                 step *= 0.5;
             }
+            let mut most = f64::NEG_INFINITY;
             for harmonics in HARMONICS {
                 let load = Load { harmonics, ..load };
                 if load.w * harmonics[harmonics.len() - 1] as f64 <= HIGHEST {
                     let gain = if harmonics.len() == 1 { gain } else { rate(&load) };
                     // Ranked by what is left of the gain once the harmonics are paid for.
                     let paid = gain - cost(&load);
+                    most = most.max(paid);
                     out.push(Proposal::new(load, paid));
                 }
             }
+            rated.push((most, load.w));
+        }
+        rated.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let lines = rated.into_iter().take(screen.most(CORNERED));
+        for (load, gain) in lines.filter_map(|line| likeliest(screen, line.1, lowest(data))) {
+            let paid = gain - cost(&load);
+            out.push(Proposal::new(load, paid));
         }
         let mut out = best(out, screen.most(LOADS));
         // The gain itself is promised: whoever fits the load charges its cost.
