@@ -5,10 +5,11 @@
 //!
 //! 1. friction is told as before: a valve has the evidence that a verdict asks for, and its f is nearly the last one's or does
 //!    not differ from it significantly, or, where there was none, no valve of the grid is likelier,
-//! 2. the residual fails no test that it passed when the structure was found (each is failed by chance once in a hundred), all
-//!    its effects are still needed, and friction is not asked for the first time; or no effect beside it is likelier than none,
-//!    and a whole search finds no valve where there was none,
-//! 3. the signals show no sample that is wrong.
+//! 2. the residual fails no test that it passed when the structure was found (each is failed by chance once in a hundred), and
+//!    all its effects are still needed; or no effect beside it is likelier than none, and a whole search finds no valve where
+//!    there was none,
+//! 3. friction is not asked for the first time,
+//! 4. the signals show no sample that is wrong.
 //!
 //! An effect that is no longer likelier than not is left out.
 //!
@@ -69,7 +70,8 @@ pub fn confirm(
     // Friction was asked, or is known not to show.
     let unasked = matches!(bare.verdict, Verdict::NotIdentifiable(_)) && last.valve.is_none();
     let asked = outcome.friction > f64::NEG_INFINITY;
-    if !asked && !unasked {
+    // What is asked for the first time is searched for as a whole.
+    if !asked && !unasked || asked && !last.asked && last.valve.is_none() {
         return None;
     }
     let likeliest = outcome.best.clone();
@@ -78,7 +80,7 @@ pub fn confirm(
         Some(last) => findings.verdict == Verdict::Stiction && stays(&last, &findings.friction_after),
         None => findings.verdict != Verdict::Stiction,
     };
-    let whole = likeliest.hypothesis.effects.len() == last.effects.len() && (last.asked || !asked);
+    let whole = likeliest.hypothesis.effects.len() == last.effects.len();
     let passes = whole && findings.failed.iter().all(|test| last.failed.contains(test));
     if !as_before || !(passes || !promising(&data, &likeliest) && !sticks_now(&data, &likeliest)) {
         return None;
