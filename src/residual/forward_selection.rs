@@ -252,8 +252,7 @@ impl Comparison<'_> {
 ///
 /// * `valves`: those found beside `effects`.
 /// * `pool`: valves found before, which are offered to all and added to.
-///
-/// Without `valves` and with `sound` no valve is searched for either.
+/// * `sound`: whether the valve is taken to be sound; then no valve is searched for.
 pub fn compare(
     data: &IdData,
     effects: &Hypothesis,

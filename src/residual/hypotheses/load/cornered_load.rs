@@ -84,7 +84,7 @@ impl Cornered {
 
 /// The likeliest load about a line at `w`, and what it promises; `lowest`: the least w. `None` where a period has too few samples.
 pub fn likeliest(screen: &Screen<'_>, w: f64, lowest: f64) -> Option<(Cornered, f64)> {
-    if TAU / w < LEAST_PERIOD {
+    if w.max(lowest) > TAU / LEAST_PERIOD {
         return None;
     }
     let begun = RISES.iter().flat_map(|&rise| {
