@@ -261,7 +261,10 @@ impl Gate {
         self.denials = denials;
         let first = self.denials.first().copied();
         match (self.state, first) {
-            (State::Armed, None) => self.open(inputs, now),
+            (State::Armed, None) => {
+                let denied = self.open(inputs, now).err();
+                self.denials.extend(denied);
+            }
             (State::Active, Some(denial)) => self.leave(State::Tripped, Cause::Denied(denial), None, now),
             (State::Withdrawing, _) => self.withdrawing(now),
             _ => {}
@@ -405,17 +408,22 @@ impl Gate {
         (own.cr.follow(evidence.f, evidence.f_ci95) == Followed::Outside).then_some(Denial::FOutsideInterval)
     }
 
-    fn open(&mut self, inputs: &Inputs, now: Time) {
+    fn open(&mut self, inputs: &Inputs, now: Time) -> Result<(), Denial> {
         let criteria = self.limits.criteria;
-        let evidence = inputs.evidence;
-        let before = evidence.and_then(|own| self.baseline.measured(own.f, criteria.reversal_band));
-        let Some((evidence, before)) = evidence.zip(before) else { return };
+        let evidence = inputs.evidence.ok_or(Denial::NoEvidence)?;
+        let before =
+            self.baseline.measured(evidence.f, criteria.reversal_band).ok_or(Denial::BaselineShort)?;
+        // Any movement is more than a multiple of none: such a trial would trip on its first step.
+        if before.travel == 0.0 {
+            return Err(Denial::BaselineAtRest);
+        }
         self.cr = self.reinforcer(evidence);
         self.trial = Some(Trial::new(before, evidence.f, criteria));
         self.term = 0.0;
         self.fault = None;
         self.tripped_by = None;
         self.go(State::Active, Cause::Opened, None, now);
+        Ok(())
     }
 
     fn leave(&mut self, to: State, cause: Cause, by: Option<String>, now: Time) {

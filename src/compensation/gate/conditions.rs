@@ -151,6 +151,8 @@ denials! {
     PollOverrun = "poll_overrun", "more polls overran or were missed than max_missed_polls_per_minute";
     /// Not yet measured.
     BaselineShort = "baseline_short", "the loop has not been measured for measure_s yet";
+    /// Measured while the stem rested: there is no travel to compare with.
+    BaselineAtRest = "baseline_at_rest", "the valve has not moved in the measure_s before: there is no travel to compare with";
     /// A write did not come through.
     WriteFailed = "write_failed", "a write was refused or not answered";
     /// The device holds another value than was written.

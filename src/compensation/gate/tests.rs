@@ -468,6 +468,24 @@ fn polls_missed_within_any_minute_are_counted_together() {
 }
 
 #[test]
+fn a_loop_whose_valve_rested_is_not_opened_until_it_moves() {
+    let mut world = World::new();
+    world.turn = 0.0;
+    (0..8).for_each(|_| world.tick(1.0, 0.0));
+    world.grant("Ann", 60.0);
+    world.approve("Bob");
+    (0..3).for_each(|_| world.tick(1.0, 0.0));
+    assert_eq!(world.gate.state(), State::Armed);
+    assert_eq!(world.gate.status().denials, [Denial::BaselineAtRest]);
+    // OP has to leave the friction f = 2 % behind.
+    world.turn = 0.5;
+    (0..4).for_each(|_| world.tick(1.0, 0.0));
+    assert_eq!(world.gate.status().denials, [Denial::BaselineAtRest]);
+    world.tick(1.0, 0.0);
+    assert_eq!(world.gate.state(), State::Active, "{:?}", world.gate.status().denials);
+}
+
+#[test]
 fn every_denial_has_a_code_of_its_own() {
     let codes: std::collections::BTreeSet<_> = Denial::ALL.iter().map(|denial| denial.code()).collect();
     assert_eq!(codes.len(), Denial::ALL.len());
