@@ -454,8 +454,8 @@ const COSTS: [(&str, [&str; 2], [&str; 2]); 12] = [
     ),
     (
         "load/cornered_load.rs",
-        ["FREQUENCY + 2.0 * THRESHOLD + REGULAR * (ORDER + 2) as f64", "SETS"],
-        ["3/2 + 2 · 1 + 5 · 1/2", "4"],
+        ["FREQUENCY + REGULAR * (ORDER + 4) as f64", "SETS"],
+        ["3/2 + 7 · 1/2", "4"],
     ),
     (
         "load/measured_disturbance.rs",

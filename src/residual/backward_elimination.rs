@@ -26,9 +26,14 @@ pub fn eliminate(data: &IdData, mut best: Fitted, pool: &[ValveModel], keep: &mu
 /// The best fit without the effect at `at`, with the valve there is, others, or none.
 fn fitted_without(data: &IdData, best: &Fitted, at: usize, pool: &[ValveModel]) -> Fitted {
     let other = best.hypothesis.without(at);
-    let own = [None, best.hypothesis.valve].into_iter();
-    let valves = own.chain(pool.iter().take(OFFERED).map(|valve| Some(*valve)));
+    let mut valves = vec![None];
+    for valve in best.hypothesis.valve.iter().chain(pool.iter().take(OFFERED)) {
+        if !valves.contains(&Some(*valve)) {
+            valves.push(Some(*valve));
+        }
+    }
     valves
+        .into_iter()
         .map(|valve| fit_anew(data, other.with_valve(valve), None))
         .max_by(|a, b| a.score.total_cmp(&b.score))
         .unwrap_or_else(|| best.clone())

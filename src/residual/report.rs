@@ -112,6 +112,11 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
     // The published model has the friction that is believed, and no other.
     if valve != best.hypothesis.valve {
         data.direct &= valve.is_some();
+        // Beside a valve that sticks those effects are unasked that stood in for it.
+        if best.hypothesis.valve.is_none() {
+            best.hypothesis.effects.clear();
+            added.clear();
+        }
         best = with_friction(&data, &best.hypothesis, valve, &mut added);
         after = judge(&data, &best, &data);
     }
@@ -229,7 +234,7 @@ fn without_direct(data: &mut IdData, best: Fitted) -> Fitted {
     fit_anew(data, best.hypothesis, None)
 }
 
-/// The same effects with this valve, fitted; without one those go that say how friction differs.
+/// The same effects with this valve or none, fitted; without one those go that say how friction differs.
 fn with_friction(
     data: &IdData,
     hypothesis: &Hypothesis,

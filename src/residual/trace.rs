@@ -345,20 +345,19 @@ fn select_either(
     settings: &Settings,
     found: Vec<Found>,
 ) -> Option<(Selected, Vec<(Kind, Evidence)>)> {
-    let (mut sticky, rejected) = select_confirmed(data, settings, Begun::beside(found))?;
+    let (sticky, of_sticky) = select_confirmed(data, settings, Begun::beside(found))?;
     // A fit that is told the friction does not ask for it.
     if settings.friction.is_some() || sticky.best.hypothesis.valve.is_none() {
-        return Some((sticky, rejected));
+        return Some((sticky, of_sticky));
     }
-    let worth = |fitted: &Fitted| fitted.score + log_prior(fitted.hypothesis.effects.len());
     let more = Settings { most_effects: 2 * settings.most_effects, ..settings.clone() };
-    let rival = select(data, &more, &[], Begun::sound())?;
-    sticky.friction = sticky.friction.min(worth(&sticky.best) - worth(&rival.best));
-    if sticky.friction > 0.0 {
-        return Some((sticky, rejected));
-    }
-    let (sound, rejected) = select_confirmed(data, settings, Begun::sound())?;
-    Some((Selected { friction: sticky.friction, ..sound }, rejected))
+    let Some((sound, of_sound)) = select_confirmed(data, &more, Begun::sound()) else {
+        return Some((sticky, of_sticky));
+    };
+    let worth = |fitted: &Fitted| fitted.score + log_prior(fitted.hypothesis.effects.len());
+    let friction = sticky.friction.min(worth(&sticky.best) - worth(&sound.best));
+    let (likelier, rejected) = if friction > 0.0 { (sticky, of_sticky) } else { (sound, of_sound) };
+    Some((Selected { friction, ..likelier }, rejected))
 }
 
 #[cfg(test)]

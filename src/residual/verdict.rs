@@ -1,7 +1,7 @@
 //! The verdict after effects, and what it leaves possible.
 //!
 //! Stiction is told where f is above its threshold, its interval excludes 0, its evidence is enough, and PV is seen to follow the
-//! stem. Where held-out samples disagree with the effects, the diagnosis without them stands.
+//! stem. A valve whose OP the diagnosis sees PV not to answer is never told to stick. Where held-out samples disagree with the effects, the diagnosis without them stands.
 
 use super::Settings;
 use super::findings::Friction;
@@ -56,7 +56,7 @@ impl Question<'_> {
         }
         let mut reason = self.diagnosis.reason.clone();
         if asked {
-            reason += "; the model with effects beside friction gives another verdict, but it predicts the last fifth of the \
+            reason += "; the model with effects gives another verdict, but it predicts the last fifth of the \
                        samples worse";
         }
         let verdict = self.diagnosis.verdict.clone();
@@ -79,9 +79,7 @@ impl Question<'_> {
         let sticks = f > settings.f_threshold && evidence > settings.evidence_threshold && within[0] > 0.0;
         let verdict = match &diagnosis.verdict {
             // A stem that PV is not seen to answer may be any signal that happens to look like PV's load.
-            Verdict::NotIdentifiable(NotIdentifiable::NoResponse) => {
-                Verdict::NotIdentifiable(NotIdentifiable::NoResponse)
-            }
+            unanswered @ Verdict::NotIdentifiable(NotIdentifiable::NoResponse) => unanswered.clone(),
             _ if sticks && follows(data, best) => Verdict::Stiction,
             _ if sticks => Verdict::NotIdentifiable(NotIdentifiable::StemNotFollowed),
             Verdict::NotIdentifiable(why) => Verdict::NotIdentifiable(why.clone()),

@@ -3,14 +3,14 @@
 //! ```text
 //! t(k) = rises from 0 to 1 over the share d of a period and falls back over the rest
 //! p(k) = t(k) - t(k-1)                                        scaled to a largest value of about 1: a pulse
-//! load = g t(k) + g_0 p(k) + ... + g_na p(k-na)               na lags: at the process' output A spreads a jump so far
+//! load = g t(k) + g_0 p(k) + ... + g_na p(k-na)               a load added to PV enters through A(q): na more samples
 //! ```
 //!
 //! A square wave needs dozens of harmonics; as one of these it costs no more than five. Without it a valve that sticks is the
 //! cheapest way to explain its corners.
 //!
-//! Parameters: angular frequency w (rad/sample), rate 3/2; phase (periods) and d (-), rate 1 each; `na + 2` coefficients, rate
-//! 1/2 each. Alternatives: with the sets of harmonics. Proposed at the lines at which harmonics gain most.
+//! Parameters: angular frequency w (rad/sample), rate 3/2; phase (periods), d (-) and `na + 2` coefficients, rate 1/2 each: between
+//! two samples a jump is interpolated, so the likelihood is smooth in its place. Alternatives: with the sets of harmonics. Proposed at the lines at which harmonics gain most.
 
 use super::oscillating_load::{SETS, told_as_load};
 use crate::residual::Kind;
@@ -18,7 +18,7 @@ use crate::residual::effect::EffectModel;
 use crate::residual::report::Described;
 use crate::residual::screening::Screen;
 use crate::sysid::armax::{Armax, ORDER, Smooth};
-use crate::sysid::criterion::{FREQUENCY, REGULAR, THRESHOLD};
+use crate::sysid::criterion::{FREQUENCY, REGULAR};
 use crate::sysid::iddata::IdData;
 use std::f64::consts::TAU;
 
@@ -26,9 +26,10 @@ use std::f64::consts::TAU;
 const LEAST_PERIOD: f64 = 8.0;
 /// Least share of a period that rises, or falls.
 const LEAST_RISE: f64 = 0.05;
-/// Shares that rise from which a search starts: a pulse, a square or triangle, the rest of a pulse.
-const RISES: [f64; 3] = [0.2, 0.5, 0.8];
-/// Phases tried for each of them.
+/// Shares that rise from which a search starts: a pulse, a square or triangle. A share above one half is the same wave upside down,
+/// begun at its other corner.
+const RISES: [f64; 2] = [0.2, 0.5];
+/// Phases tried in a period.
 const PHASES: usize = 12;
 /// Passes of the coordinate search, each with half the step of the one before.
 const PASSES: usize = 7;
@@ -88,22 +89,26 @@ pub fn likeliest(screen: &Screen<'_>, w: f64, lowest: f64) -> Option<(Cornered, 
         return None;
     }
     let begun = RISES.iter().flat_map(|&rise| {
-        (0..PHASES).map(move |i| Cornered { w, lowest, phase: i as f64 / PHASES as f64, rise }.clamped())
+        // Half a period later a wave with two like parts is the same upside down.
+        let phases = if rise < 0.5 { PHASES } else { PHASES / 2 };
+        (0..phases).map(move |i| Cornered { w, lowest, phase: i as f64 / PHASES as f64, rise }.clamped())
     });
     let rated = begun.map(|load| (load.gain(screen, 0), load));
     let mut best = rated.max_by(|a, b| a.0.total_cmp(&b.0)).map(|own| own.1)?;
     let mut gain = best.gain(screen, SEARCHED);
+    let rows = screen.data.rows();
+    let middle = 0.5 * (rows.start + rows.end) as f64;
     // A quarter of a period over all the rows, half the distance of two phases, a tenth of a period.
-    let mut steps = [0.25 * TAU / screen.data.rows().len() as f64, 0.5 / PHASES as f64, 0.1];
+    let mut steps = [0.25 * TAU / rows.len() as f64, 0.5 / PHASES as f64, 0.1];
     for _ in 0..PASSES {
         for (i, step) in steps.into_iter().enumerate() {
             for by in [-step, step] {
                 let mut other = best.clone();
                 match i {
-                    // The wave turns about the middle of the record.
+                    // The phase moves along, so that the wave stays where it is in the middle of the rows.
                     0 => {
                         other.w += by;
-                        other.phase += by / TAU * 0.5 * screen.data.len() as f64;
+                        other.phase += by / TAU * middle;
                     }
                     1 => other.phase += by,
                     _ => other.rise += by,
@@ -112,6 +117,7 @@ pub fn likeliest(screen: &Screen<'_>, w: f64, lowest: f64) -> Option<(Cornered, 
                 let tried = other.gain(screen, SEARCHED);
                 if tried > gain {
                     (best, gain) = (other, tried);
+                    break;
                 }
             }
         }
@@ -130,7 +136,7 @@ impl EffectModel for Cornered {
         Box::new(self.clone())
     }
     fn rate(&self) -> f64 {
-        FREQUENCY + 2.0 * THRESHOLD + REGULAR * (ORDER + 2) as f64
+        FREQUENCY + REGULAR * (ORDER + 4) as f64
     }
     fn alternatives(&self) -> f64 {
         SETS
@@ -162,7 +168,7 @@ impl EffectModel for Cornered {
             (re, im) = (re + load(k) * c, im + load(k) * s);
         }
         let own = 2.0 * f64::hypot(re, im) / n.max(1) as f64;
-        told_as_load(data, model, self.w, own).with("rise", self.rise, "-")
+        told_as_load(data, model, self.w, own).with("shorter_part", self.rise.min(1.0 - self.rise), "-")
     }
 }
 

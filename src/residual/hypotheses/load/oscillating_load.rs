@@ -135,7 +135,11 @@ impl Propose for Oscillating {
         let data = screen.data;
         let n = screen.long.errors.len();
         let mut lines = peaks(&screen.long.errors, screen.most(LINES[0]));
-        lines.extend(peaks(&data.y[data.rows()], screen.most(LINES[1])));
+        for line in peaks(&data.y[data.rows()], screen.most(LINES[1])) {
+            if !lines.contains(&line) {
+                lines.push(line);
+            }
+        }
         let rate = |load: &Load| -> f64 {
             let shapes = load.shapes(data.len());
             let columns: Vec<Vec<f64>> = shapes.iter().map(|s| screen.rows(s)).collect();
