@@ -15,10 +15,10 @@ const SAMPLES: usize = 1000;
 /// How often a sound valve is told to stick
 #[derive(Parser)]
 struct Args {
-    /// First seed; a multiple of 11 gives every kind the same number
+    /// First seed
     #[arg(long, default_value_t = 44_000)]
     first_seed: u64,
-    /// Sound loops; as many sticking ones as of one kind
+    /// Sound loops; a multiple of 11 gives every kind the same number. As many sticking ones as of one kind
     #[arg(long, default_value_t = 660)]
     loops: u64,
 }
