@@ -68,7 +68,10 @@ fn what_is_no_record_is_refused_in_one_line() {
     refused(&file("header_only.csv", "t,op,pv\n"), "no samples");
     refused(&file("text_time.csv", "t,op,pv\n0,1,2\nnoon,1,2\n"), "line 3, column 1 (t): \"noon\"");
     refused(&file("text_column.csv", rows(300, |k| format!("{k},shut,{k}"))), "line 2, column 2 (op)");
-    refused(&file("nan_column.csv", rows(300, |k| format!("{k},{k},NaN"))), "line 2, column 3 (pv)");
+    refused(
+        &file("nan_column.csv", rows(300, |k| format!("{k},{k},NaN"))),
+        "line 1, column 3 (pv): nothing in",
+    );
     refused(&file("decimal_comma.csv", "t,op,pv\n0,1,5,2,5\n"), "5 cells where the header has 3");
     let garbage: Vec<u8> = (0..100_000u32).map(|k| (k.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
     refused(&file("garbage.csv", garbage), "line 1");

@@ -1,6 +1,9 @@
 //! What the documents say, held against the program: keys and defaults of the configuration, excerpts that must load,
 //! the routes of the API, the constants of the method, the metrics in alert rules, and links that lead somewhere.
 
+#[path = "docs/tables.rs"]
+mod tables;
+
 use serde::de::DeserializeOwned;
 use std::collections::BTreeSet;
 use std::fmt::Debug;
@@ -452,11 +455,7 @@ const COSTS: [(&str, [&str; 2], [&str; 2]); 12] = [
         ["FREQUENCY + 2.0 * REGULAR * self.harmonics.len() as f64", "SETS"],
         ["3/2 + 1 for each harmonic", "4"],
     ),
-    (
-        "load/cornered_load.rs",
-        ["FREQUENCY + REGULAR * (ORDER + 4) as f64", "SETS"],
-        ["3/2 + 7 · 1/2", "4"],
-    ),
+    ("load/cornered_load.rs", ["FREQUENCY + REGULAR * (ORDER + 4) as f64", "SETS"], ["3/2 + 7 · 1/2", "4"]),
     (
         "load/measured_disturbance.rs",
         ["TAPS as f64 * REGULAR", "self.alternatives"],

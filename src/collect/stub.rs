@@ -131,15 +131,8 @@ fn place(tag: &Tag) -> Option<(String, Vec<String>, Role)> {
     if let Some(of_loop) = &tag.of_loop {
         return Some((of_loop.to_lowercase(), vec![of_loop.clone()], role));
     }
-    let said = said?;
-    // The owner is in small letters and without signs: as many letters and digits of the name are the loop's own.
-    let mut letters = said.owner.chars().filter(|c| c.is_alphanumeric()).count();
-    let own = tag.name.chars().take_while(|c| {
-        let within = letters > 0;
-        letters -= usize::from(within && c.is_alphanumeric());
-        within
-    });
-    let own: String = own.collect();
+    // `OP_B` has its loop behind it.
+    let own = Name::new(&tag.name).owner_as_written()?;
     let path: Vec<String> =
         own.split(['/', '.', '\\', '|', ':', ';', '=', '!']).map(str::trim).map(str::to_string).collect();
     let path: Vec<String> = path.into_iter().filter(|part| !part.is_empty()).collect();
@@ -201,6 +194,13 @@ mod tests {
         let stub = of(&["U1/FIC1/OP", "U1/FIC1/PV", "U2/FIC1/OP", "U2/FIC1/PV", "U2/FIC2_OP", "U2/FIC2_PV"]);
         let ids: Vec<&str> = stub.text.lines().filter(|line| line.starts_with("id")).collect();
         assert_eq!(ids, ["id = \"U1.FIC1\"", "id = \"U2.FIC1\"", "id = \"FIC2\""]);
+    }
+
+    #[test]
+    fn a_letter_or_a_number_behind_a_name_is_its_loop() {
+        let stub = of(&["OP_B", "PV_B", "OP_C", "PV_C", "OP_1", "PV_1"]);
+        let ids: Vec<&str> = stub.text.lines().filter(|line| line.starts_with("id")).collect();
+        assert_eq!(ids, ["id = \"1\"", "id = \"B\"", "id = \"C\""]);
     }
 
     #[test]

@@ -16,5 +16,6 @@ mod rig;
 mod store;
 #[path = "../swinging/mod.rs"]
 mod swinging;
+mod tables;
 #[cfg(feature = "writeback")]
 mod writeback;

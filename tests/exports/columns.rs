@@ -215,3 +215,35 @@ fn numeric_epochs_have_the_unit_that_makes_them_a_date_of_our_time() {
         assert_eq!([record.op[0].t, record.op[1].t], [1_780_293_600.0, 1_780_293_602.0], "{name}");
     }
 }
+
+#[test]
+fn dates_as_text_beside_times_of_day_and_nan_for_nothing_are_read() {
+    let texts = |texts: &[&str]| Values::Texts(texts.iter().map(|text| text.to_string()).collect());
+    let us = |seconds: f64| ((6.0 * 3600.0 + seconds) * 1e6).round() as i64;
+    let path = file(
+        "text-dates",
+        Compression::SNAPPY,
+        "required binary date (STRING); required int64 time (TIME(MICROS,true)); required double op; required double pv; \
+         required double sp; required binary mode (STRING);",
+        &[
+            texts(&["2026-06-01"; 4]),
+            Values::Longs([0.0, 2.03, 4.0, 6.0].map(us).to_vec()),
+            Values::Doubles(vec![50.0, f64::NAN, 52.0, 53.0]),
+            Values::Doubles(vec![1.0, 2.0, f64::NAN, f64::INFINITY]),
+            Values::Doubles(vec![f64::NAN; 4]),
+            texts(&["AUTO", "NULL", "NULL", "MAN"]),
+        ],
+    );
+    let found = table(&path, &Options::default()).expect("a record");
+    let record = &found.record;
+    let points =
+        |series: &[stictiond::signal::Sample]| series.iter().map(|s| (s.t, s.value)).collect::<Vec<_>>();
+    let begin = 1_780_293_600.0;
+    assert_eq!(points(&record.op), [(begin, 50.0), (begin + 4.0, 52.0), (begin + 6.0, 53.0)]);
+    assert_eq!(record.pv.iter().map(|s| s.t).collect::<Vec<_>>(), [begin, begin + 2.03, begin + 6.0]);
+    // What is infinite was written as a number, and is a bad one.
+    assert_eq!(record.pv.iter().map(|s| s.quality.is_good()).collect::<Vec<_>>(), [true, true, false]);
+    let mode = record.mode.as_ref().expect("there is one");
+    assert_eq!(points(mode), [(begin, 1.0), (begin + 6.0, 0.0)]);
+    assert!(record.sp.is_none() && found.found.read_as.contains("1 samples without a number"));
+}

@@ -269,19 +269,38 @@ fn an_hour_that_starts_again_is_told() {
 }
 
 #[test]
-fn dates_with_points_and_two_digits_of_the_year_begin_with_the_day_unless_told() {
+fn dates_of_one_day_with_points_and_two_digits_of_the_year_are_asked_about() {
     let example = example();
-    let rows = rows(&example, ';', |t| {
-        let day = civil(t);
-        format!("{}.{}.{}{}", &day[2..4], &day[5..7], &day[8..10], &day[10..])
-    });
-    let begin = |format: Option<&str>| {
-        let told = Options { time_format: format.map(str::to_string), ..Options::default() };
-        read("Time;OP;PV", &rows, &told).expect("read").record.op[0].t
-    };
-    assert_eq!(begin(Some("ymd")), BEGIN as f64);
-    assert_eq!(begin(None), begin(Some("dmy")));
-    assert!(begin(None) < BEGIN as f64 - 20.0 * 365.0 * 86_400.0, "2001-06-26");
+    // The first of June 2026, or the 26th of June 2001.
+    for (year_first, cell, ways) in [
+        (true, "26.06.01 06:00:00", "dd.mm.yy (2001-06-26) or yy.mm.dd (2026-06-01)"),
+        (false, "01.06.26 06:00:00", "dd.mm.yy (2026-06-01) or yy.mm.dd (2001-06-26)"),
+    ] {
+        let rows = rows(&example, ';', |t| {
+            let civil = civil(t);
+            let (year, month, day) = (&civil[2..4], &civil[5..7], &civil[8..10]);
+            let [first, last] = if year_first { [year, day] } else { [day, year] };
+            format!("{first}.{month}.{last}{}", &civil[10..])
+        });
+        let said = read("Time;OP;PV", &rows, &Options::default()).expect_err("two ways");
+        let expected =
+            format!("line 2, column 1 (Time): {cell:?} may be {ways}; say --time-format dmy or ymd");
+        assert_eq!(said, expected);
+        let (own, format) =
+            if year_first { ("ymd", "yy.mm.dd hh:mm:ss") } else { ("dmy", "dd.mm.yy hh:mm:ss") };
+        let told = Options { time_format: Some(own.into()), ..Options::default() };
+        for (header, options) in
+            [("Time;OP;PV".to_string(), &told), (format!("Time ({format});OP;PV"), &Options::default())]
+        {
+            let table = read(&header, &rows, options).unwrap_or_else(|said| panic!("{header}: {said}"));
+            assert_eq!(table.record.op[0].t, BEGIN as f64, "{header}");
+            assert!(
+                table.found.read_as.contains(&format!("time {}", &format[..8])),
+                "{}",
+                table.found.read_as
+            );
+        }
+    }
 }
 
 #[test]

@@ -194,10 +194,59 @@ impl Form {
     }
 }
 
+/// What a form has beside times and values: more than one thing at once, and its columns in any order.
+#[derive(Clone, Debug, Default)]
+pub struct Beside {
+    /// A column of the mode, manual from this row on.
+    pub manual_from: Option<usize>,
+    /// A column of the quality, bad in this row.
+    pub bad_quality: Option<usize>,
+    /// A row whose stamp cannot be read.
+    pub bad_stamp: Option<usize>,
+    /// An average and a count below the table.
+    pub trailer: bool,
+    /// A unit behind each number of OP.
+    pub units: bool,
+    /// Which column stands at which place: times, OP, PV, SP, and mode and quality as far as there are. Empty for this order.
+    pub order: Vec<usize>,
+}
+
+impl Beside {
+    /// That of a form which has one thing.
+    pub fn of(extra: Extra) -> Self {
+        let in_no_row = |own: Extra| (extra == own).then_some(usize::MAX);
+        Self {
+            manual_from: in_no_row(Extra::Mode),
+            bad_quality: in_no_row(Extra::Quality),
+            bad_stamp: (extra == Extra::BadStamp).then_some(700),
+            trailer: extra == Extra::Trailer,
+            units: extra == Extra::CellUnits,
+            order: Vec::new(),
+        }
+    }
+
+    /// The cells of a row, by its columns: times may take two.
+    fn row(&self, times: Vec<String>, values: [String; 3], mode: &str, quality: &str) -> Vec<String> {
+        let mut columns = vec![times];
+        columns.extend(values.map(|value| vec![value]));
+        columns.extend(self.manual_from.map(|_| vec![mode.to_string()]));
+        columns.extend(self.bad_quality.map(|_| vec![quality.to_string()]));
+        if self.order.is_empty() {
+            return columns.concat();
+        }
+        self.order.iter().filter_map(|at| columns.get(*at)).flatten().cloned().collect()
+    }
+}
+
 /// The bytes of a form, and the time that each row means.
 pub fn dressed(record: &Record, form: &Form) -> (Vec<u8>, Vec<f64>) {
+    with(record, form, &Beside::of(form.extra))
+}
+
+/// The same with other things beside it.
+pub fn with(record: &Record, form: &Form, beside: &Beside) -> (Vec<u8>, Vec<f64>) {
     let Form { separator, decimal, date, names, extra } = *form;
-    let mut text = String::new();
+    let mut text = before(separator, extra);
     let mut line = |cells: &[String]| {
         let quoted = |cell: &String| {
             if cell.contains(separator) { format!("\"{cell}\"") } else { cell.clone() }
@@ -205,59 +254,53 @@ pub fn dressed(record: &Record, form: &Form) -> (Vec<u8>, Vec<f64>) {
         text += &cells.iter().map(quoted).collect::<Vec<_>>().join(&separator.to_string());
         text.push('\n');
     };
+    let is_two = date == Date::TwoColumns;
     let own = |cells: &[&str]| cells.iter().map(|cell| cell.to_string()).collect::<Vec<_>>();
-    match extra {
-        Extra::SepLine => line(&[format!("sep={separator}").replace(separator, "\u{1e}")]),
-        Extra::Preamble => {
-            line(&own(&["Trend export of unit 10"]));
-            line(&own(&["From", "a day", "to", "the next"]));
-        }
-        Extra::Comments => line(&own(&["# exported by hand"])),
-        _ => {}
-    }
-    let mut header = own(&names.header());
-    if date == Date::TwoColumns {
-        header[0] = "Time".into();
-        header.insert(0, "Date".into());
-    }
-    match extra {
-        Extra::Mode => header.push("mode".into()),
-        Extra::Quality => header.push("Quality".into()),
-        _ => {}
-    }
-    line(&header);
+    let [time, op, pv, sp] = names.header();
+    let header = if is_two { own(&["Date", "Time"]) } else { own(&[time]) };
+    let blank = vec![String::new(); header.len()];
+    line(&beside.row(header, [op, pv, sp].map(str::to_string), "mode", "Quality"));
     if names == Names::RowOfUnits {
-        let mut units = own(&["", "%", "m3/h", "m3/h"]);
-        if date == Date::TwoColumns {
-            units.insert(0, String::new());
-        }
-        line(&units);
+        line(&beside.row(blank.clone(), ["%", "m3/h", "m3/h"].map(str::to_string), "", ""));
     }
+    let unit = if beside.units { " %" } else { "" };
     let mut times = Vec::new();
-    let sp = record.sp.as_ref().expect("the example has a set point");
+    let sp = record.sp.as_ref().expect("the record has a set point");
     for (row, ((op, pv), sp)) in record.op.iter().zip(&record.pv).zip(sp).enumerate() {
         let (cell, t) = date.cell((op.t * 1000.0).round() as i64, decimal);
-        let mut cells: Vec<String> = cell.split('\u{1f}').map(str::to_string).collect();
-        let number = |value: f64| value.to_string().replace('.', &decimal.to_string());
-        let unit = if extra == Extra::CellUnits { " %" } else { "" };
-        cells.extend([number(op.value) + unit, number(pv.value), number(sp.value)]);
-        match extra {
-            Extra::Mode => cells.push("AUTO".into()),
-            Extra::Quality => cells.push("Good".into()),
-            _ => {}
-        }
-        if extra == Extra::BadStamp && row == 700 {
-            cells[0] = "unknown".into();
+        let mut stamp: Vec<String> = cell.split('\u{1f}').map(str::to_string).collect();
+        if beside.bad_stamp == Some(row) {
+            stamp[0] = "unknown".into();
         } else {
             times.push(t);
         }
-        line(&cells);
+        let number = |value: f64| value.to_string().replace('.', &decimal.to_string());
+        let values = [number(op.value) + unit, number(pv.value), number(sp.value)];
+        let mode = if beside.manual_from.is_some_and(|from| row >= from) { "MAN" } else { "AUTO" };
+        let quality = if beside.bad_quality == Some(row) { "Bad" } else { "Good" };
+        line(&beside.row(stamp, values, mode, quality));
     }
-    if extra == Extra::Trailer {
-        line(&own(&["Average", &format!("50{decimal}1"), &format!("50{decimal}2"), ""]));
+    if beside.trailer {
+        let mut average = blank;
+        average[0] = "Average".into();
+        let values = [format!("50{decimal}1{unit}"), format!("50{decimal}2"), String::new()];
+        line(&beside.row(average, values, "", ""));
         line(&own(&["Total samples: 1200"]));
     }
-    (encoded(&text.replace('\u{1e}', &separator.to_string()), extra), times)
+    (encoded(&text, extra), times)
+}
+
+/// What stands above the names.
+fn before(separator: char, extra: Extra) -> String {
+    match extra {
+        Extra::SepLine => format!("sep={separator}\n"),
+        Extra::Preamble => {
+            let cells = ["From", "a day", "to", "the next"].join(&separator.to_string());
+            format!("Trend export of unit 10\n{cells}\n")
+        }
+        Extra::Comments => "# exported by hand\n".into(),
+        _ => String::new(),
+    }
 }
 
 fn encoded(text: &str, extra: Extra) -> Vec<u8> {

@@ -35,6 +35,12 @@ fn said(found: &Diagnosis) -> (Verdict, Option<[u64; 4]>) {
     (found.verdict.clone(), numbers)
 }
 
+/// Values of OP, PV and SP to the last bit.
+fn values(record: &Record) -> Vec<Vec<u64>> {
+    let sp = record.sp.iter().map(|sp| sp.iter().map(|sample| sample.value.to_bits()).collect());
+    bits(record).into_iter().chain(sp).collect()
+}
+
 /// A record by its values and times alone, for there is no need to diagnose it twice.
 fn key(record: &Record) -> Vec<u64> {
     let of = |samples: &[stictiond::signal::Sample]| -> Vec<u64> {
@@ -59,13 +65,16 @@ fn the_example_in_every_form_is_the_same_record_and_the_same_diagnosis() {
         let (bytes, times) = dressed(&example, &form);
         let found = of_bytes(&bytes, &Options::default()).unwrap_or_else(|error| panic!("{form:?}: {error}"));
         let record = found.record;
-        let mut values = bits(&example);
+        let mut expected = values(&example);
+        assert_eq!(expected.len(), 3, "the example has a set point");
         if form.extra == Extra::BadStamp {
-            for values in &mut values {
+            for values in &mut expected {
                 values.remove(700);
             }
         }
-        assert!(bits(&record) == values, "{form:?}: other values");
+        assert!(values(&record) == expected, "{form:?}: other values");
+        let is_automatic = record.mode.as_ref().map(|mode| mode.iter().all(|sample| sample.value == 1.0));
+        assert_eq!(is_automatic, (form.extra == Extra::Mode).then_some(true), "{form:?}");
         assert_eq!(record.op.len(), times.len(), "{form:?}");
         // A time as text is exact to the millisecond, a serial day to what nine digits hold.
         let off = record.op.iter().zip(&times).map(|(s, t)| (s.t - t).abs()).fold(0.0, f64::max);

@@ -213,3 +213,45 @@ fn columns_of_a_long_table_that_nothing_is_made_of_are_told() {
     let said = &table.found.read_as;
     assert!(said.contains("not used \"Annotation\", \"Batch\"") && !said.contains("Empty"), "{said}");
 }
+
+#[test]
+fn a_letter_behind_op_and_pv_is_their_loop_and_two_loops_are_asked_about() {
+    for [one, other] in [["B", "C"], ["A", "B"]] {
+        let header = format!("Time,OP_{one},PV_{one},OP_{other},PV_{other}");
+        let wide = made(&header, |_, t, op, pv| format!("{t},{op},{pv},30.5,20.1"));
+        let said = of_bytes(&wide, &Options::default()).err().unwrap_or_default();
+        let both = format!("\"OP_{one}\", \"OP_{other}\" may each be op");
+        assert!(said.contains(&both) && said.contains("which loop with --loop"), "{said}");
+        let table = of_bytes(&wide, &of_loop(one)).unwrap_or_else(|said| panic!("{header}: {said}"));
+        assert!(bits(&table.record) == bits(&example()), "{}", table.found.read_as);
+        let tags = ["OP", "PV"].map(|tag| [one, other].map(|letter| format!("{tag}_{letter}")));
+        let [[op_one, op_other], [pv_one, pv_other]] = &tags;
+        let rows = long(&[
+            (op_one.as_str(), &op),
+            (pv_one.as_str(), &pv),
+            (op_other.as_str(), &pv),
+            (pv_other.as_str(), &op),
+        ]);
+        let expected = [one, other].map(|own| ["op", "pv"].map(|tag| format!("{own} {tag}"))).concat();
+        assert_eq!(names(&rows, &Options::default()), expected);
+    }
+    // One loop of this name is read, and has no unit by it.
+    let single = made("Time,OP_A,PV_A", |_, t, op, pv| format!("{t},{op},{pv}"));
+    let table = of_bytes(&single, &Options::default()).expect("one loop");
+    assert!(bits(&table.record) == bits(&example()), "{}", table.found.read_as);
+    assert!(table.found.read_as.contains("op from \"OP_A\", pv from \"PV_A\""), "{}", table.found.read_as);
+    assert_eq!(table.record.op_span, Some(100.0));
+    // Volts, or a loop that PV is not of.
+    let volts = made("Time,OP V,PV", |_, t, op, pv| format!("{t},{op},{pv}"));
+    let said = of_bytes(&volts, &Options::default()).err().unwrap_or_default();
+    assert!(said.contains("\"OP V\"") && said.contains("--op and --pv"), "{said}");
+}
+
+#[test]
+fn a_letter_behind_the_pv_of_a_named_controller_leaves_it_in_its_loop() {
+    let wide =
+        made("Time,TIC101.OP %,TIC101.PV C,TIC101.PV_status", |_, t, op, pv| format!("{t},{op},{pv},Good"));
+    assert_eq!(names(&wide, &Options::default()), ["TIC101 op", "TIC101 pv"]);
+    let rows = long(&[("TIC101.OP", &op), ("TIC101.PV C", &pv), ("FIC102.OP", &op), ("FIC102.PV", &pv)]);
+    assert_eq!(names(&rows, &Options::default()), ["FIC102 op", "FIC102 pv", "TIC101 op", "TIC101 pv"]);
+}

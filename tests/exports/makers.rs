@@ -221,3 +221,16 @@ fn milliseconds_without_leading_zeros_are_refused_and_fractions_without_trailing
     };
     is_whole(read("Time,OP,PV", &rows(&example(), ',', trimmed), &Options::default()), "eighths");
 }
+
+#[test]
+fn the_types_of_ignition_are_no_units() {
+    let own = made(|_, t, op, pv| format!("\"{t}\",\"{op}\",\"{pv}\""));
+    let header =
+        "\"#NAMES\"\n\"t_stamp\",\"op\",\"pv\"\n\"#TYPES\"\n\"date\",\"D\",\"D\"\n\"#ROWS\",\"1200\"";
+    let said = is_whole(read(header, &own, &Options::default()), "Ignition");
+    assert!(said.contains("op from \"op\", pv from \"pv\"") && !said.contains('['), "{said}");
+    // A row of units is one.
+    let own = rows(&example(), ',', iso);
+    let said = is_whole(read("t_stamp,op,pv\n,%,m", &own, &Options::default()), "units");
+    assert!(said.contains("op from \"op\" [%], pv from \"pv\" [m]"), "{said}");
+}

@@ -174,3 +174,16 @@ fn wincc_writes_its_columns_in_german_too() {
     let table = read(format!("{header}\n{}", rows.collect::<String>()).as_bytes()).expect("read");
     assert!(bits(&table.record) == bits(&example()), "{}", table.found.read_as);
 }
+
+#[test]
+fn words_of_a_mode_under_the_name_of_a_quality_are_asked_about_as_a_mode() {
+    for (name, words) in [("Status", ["AUTO", "MAN"]), ("PV_Status", ["Automatik", "Hand"])] {
+        let table = held(&format!("Time,OP,PV,{name}"), words);
+        refused(read(&table), &[&format!("column {name}"), &format!("--mode {name:?}"), "--good-values"]);
+        let told = Options { mode: Some(name.into()), ..Options::default() };
+        let own = of_bytes(&table, &told).unwrap_or_else(|said| panic!("{name}: {said}"));
+        assert_eq!(automatic(&own), Some(300), "{name}: {}", own.found.read_as);
+    }
+    let other = read(&held("Time,OP,PV,Status", ["running", "stopped"])).err().unwrap_or_default();
+    assert!(other.contains("--good-values") && !other.contains("--mode"), "{other}");
+}

@@ -332,3 +332,60 @@ fn the_quality_of_a_loop_is_that_of_its_values_and_of_no_other_loop() {
     let told = Options { of_loop: Some("FIC101".into()), ..Options::default() };
     assert_left_out(header, of_bytes(&spoilt(header, ["Good", "Bad"], row), &told), true);
 }
+
+#[test]
+fn a_state_in_numbers_beside_a_value_is_asked_about() {
+    let own = |t: f64, op: f64, pv: f64, said: &str| format!("{t},{op},{pv},{said}\n");
+    let told = |good: &str| Options { good_values: Some(good.into()), ..Options::default() };
+    for name in ["PV_STS", "PV_STAT", "PV_FLAG", "PV_CODE", "Flag PV", "PVSTS"] {
+        for words in [["0", "1"], ["1", "0"], ["0", "32768"], ["No", "Yes"]] {
+            let table = spoilt(&format!("Time,OP,PV,{name}\n"), words, own);
+            assert_refused(name, &table, "column 4");
+            assert_refused(name, &table, "may say which values are good");
+            assert_refused(name, &table, "--good-values");
+            assert_left_out(name, of_bytes(&table, &told(words[0])), false);
+            let all = of_bytes(&table, &told(&words.join(","))).expect(name).record;
+            assert!(all.pv.iter().all(|sample| sample.quality.is_good()), "{name}");
+        }
+    }
+    // What is measured, what is of another loop, and what names no value.
+    for (header, words) in [
+        ("Time,FC101.OP,FC101.PV,FC102.PV_STS\n", ["0", "1"]),
+        ("Time,FC101.OP,FC101.PV,Batch code\n", ["0", "1"]),
+        ("Time,FC101.OP,FC101.PV,PV_CODE\n", ["1.5", "2.5"]),
+    ] {
+        let table = of_bytes(&spoilt(header, words, own), &Options::default()).expect(header);
+        assert!(table.record.pv.iter().all(|sample| sample.quality.is_good()), "{header}");
+    }
+    let counted = |t: f64, op: f64, pv: f64, _: &str| format!("{t},{op},{pv},{}\n", t as u64 % 97);
+    let table = of_bytes(&spoilt("Time,OP,PV,PV_CODE\n", ["", ""], counted), &Options::default());
+    assert_eq!(table.expect("a count").record.tags.len(), 1);
+}
+
+#[test]
+fn a_state_that_is_a_tag_of_its_own_is_asked_about_where_its_value_is_needed() {
+    let long = |t: f64, op: f64, pv: f64, said: &str| {
+        format!("{t},FC101.OP,{op}\n{t},FC101.PV,{pv}\n{t},FC101.PV_STS,{said}\n{t},FC102.PV_STS,{said}\n")
+    };
+    let table = spoilt("Time,Tag,Value\n", ["0", "1"], long);
+    assert_refused("long", &table, "tag \"FC101.PV_STS\" may say which values are good");
+    let told = Options { good_values: Some("0".into()), ..Options::default() };
+    assert_left_out("told", of_bytes(&table, &told), false);
+}
+
+#[test]
+fn a_word_in_brackets_behind_a_value_is_its_quality_and_a_mark_is_named() {
+    let cells =
+        |t: f64, op: f64, pv: f64, [of_op, of_pv]: [&str; 2]| format!("{t},{op} {of_op},{pv} {of_pv}");
+    for words in [["(Good)", "(Bad)"], ["[Good]", "[Uncertain]"], ["% (Good)", "% (Bad)"]] {
+        let said = assert_each(words[1], &of_each("Time,OP,PV", words, cells));
+        assert!(said.contains("not good by the words behind OP, the words behind PV"), "{said}");
+        assert_eq!(said.contains("[%]"), words[0].starts_with('%'), "{said}");
+    }
+    for mark in ["*", "(x)", "?", "(* bad)"] {
+        let table = of_each("Time,OP,PV", [mark, mark], cells);
+        assert_refused(mark, &table, "line 2, column 2 (OP): no number in the whole column");
+        assert_refused(mark, &table, &format!("what {mark:?} behind a number means is not known"));
+        assert_refused(mark, &table, "--good-values");
+    }
+}

@@ -1,6 +1,7 @@
 //! Sheets of Excel and OpenDocument.
 
 use super::archive::archive;
+use super::clocks::civil;
 use super::dress::BEGIN;
 use super::{bits, example, of_bytes};
 use std::fmt::Write as _;
@@ -85,20 +86,36 @@ fn xlsx_of(record: &Record, sheets: &[&str], style: &str, properties: &str) -> V
     ])
 }
 
-/// A sheet of OpenDocument, times as text.
+/// A cell of text of OpenDocument.
+fn ods_text(text: &str) -> String {
+    format!("<table:table-cell office:value-type=\"string\"><text:p>{text}</text:p></table:table-cell>")
+}
+
+/// A number of OpenDocument.
+fn ods_number(value: f64) -> String {
+    format!(
+        "<table:table-cell office:value-type=\"float\" office:value=\"{value}\"><text:p>{value}</text:p></table:table-cell>"
+    )
+}
+
+/// A date or a time of OpenDocument, as LibreOffice keeps it.
+fn ods_value(kind: &str, value: &str) -> String {
+    format!(
+        "<table:table-cell office:value-type=\"{kind}\" office:{kind}-value=\"{value}\"><text:p>{value}</text:p></table:table-cell>"
+    )
+}
+
+/// A sheet of OpenDocument, times as numbers.
 fn ods(record: &Record) -> Vec<u8> {
-    let text = |text: &str| {
-        format!("<table:table-cell office:value-type=\"string\"><text:p>{text}</text:p></table:table-cell>")
-    };
-    let number = |value: f64| {
-        format!(
-            "<table:table-cell office:value-type=\"float\" office:value=\"{value}\"><text:p>{value}</text:p></table:table-cell>"
-        )
-    };
+    ods_of(&["t"], record, ods_number)
+}
+
+/// A sheet of OpenDocument with these columns of times, the cells of which `times` makes of seconds since the begin.
+fn ods_of(names: &[&str], record: &Record, times: impl Fn(f64) -> String) -> Vec<u8> {
     let row = |cells: String| format!("<table:table-row>{cells}</table:table-row>");
-    let mut rows = row(["t", "op", "pv"].map(text).concat());
+    let mut rows = row([names, &["op", "pv"]].concat().into_iter().map(ods_text).collect());
     for (op, pv) in record.op.iter().zip(&record.pv) {
-        rows += &row([number(op.t), number(op.value), number(pv.value)].concat());
+        rows += &row([times(op.t), ods_number(op.value), ods_number(pv.value)].concat());
     }
     let content = format!(
         "<office:document-content xmlns:office=\"urn:oasis:names:tc:opendocument:xmlns:office:1.0\" \
@@ -207,6 +224,42 @@ fn sheets_of_open_document_are_read() {
     let found = of_bytes(&ods(&example), &Options::default()).expect("a workbook");
     assert!(bits(&found.record) == bits(&example));
     assert!(found.record.op.iter().zip(&example.op).all(|(a, b)| a.t == b.t));
+}
+
+/// `PT06H00M02.030000000S` of seconds since midnight.
+fn duration(seconds: f64) -> String {
+    let ms = (seconds * 1e3).round() as i64;
+    let (h, m, s, part) = (ms / 3_600_000, ms / 60_000 % 60, ms / 1000 % 60, ms % 1000);
+    format!("PT{h:02}H{m:02}M{s:02}.{part:03}000000S")
+}
+
+#[test]
+fn dates_times_and_durations_of_open_document_are_read() {
+    let example = example();
+    let off = |book: &[u8], begin: f64| -> (f64, String) {
+        let table = of_bytes(book, &Options::default()).unwrap_or_else(|said| panic!("{said}"));
+        assert!(bits(&table.record) == bits(&example), "{}", table.found.read_as);
+        let off = table.record.op.iter().zip(&example.op).map(|(a, b)| (a.t - begin - b.t).abs());
+        (off.fold(0.0, f64::max), table.found.read_as)
+    };
+    let six = 6.0 * 3600.0;
+    let moment = |t: f64| ods_value("date", &civil("%Y-%m-%dT%H:%M:%S%.3f", BEGIN as f64 + t));
+    let apart = |t: f64| ods_value("date", "2026-06-01") + &ods_value("time", &duration(six + t));
+    // Whoever types a date may leave it text.
+    let typed = |t: f64| ods_text("2026-06-01") + &ods_value("time", &duration(six + t));
+    for (what, book) in [
+        ("moments", ods_of(&["Time"], &example, moment)),
+        ("apart", ods_of(&["Date", "Time"], &example, apart)),
+        ("typed", ods_of(&["Date", "Time"], &example, typed)),
+    ] {
+        let (off, said) = off(&book, BEGIN as f64);
+        assert!(off < 1e-3, "{what}: {off} s: {said}");
+    }
+    for (hours, said) in [(6.0, "time of day without a date"), (30.0, "time since the start")] {
+        let clock = |t: f64| ods_value("time", &duration(hours * 3600.0 + t));
+        let (off, read_as) = off(&ods_of(&["Time"], &example, clock), hours * 3600.0);
+        assert!(off < 1e-3 && read_as.contains(said), "{hours} h: {off} s: {read_as}");
+    }
 }
 
 #[test]

@@ -59,23 +59,51 @@ pub fn parquet(bytes: &[u8]) {
     all(Source::File(path));
 }
 
-/// A workbook as it is; anything else is the sheet, or the workbook's list and the sheet, of one that is whole.
+/// A workbook as it is; anything else is a part of one that is whole: tables of OpenDocument where it begins with one, else the
+/// sheet, the formats, the texts that cells share and what is told of these in advance.
 pub fn excel(bytes: &[u8]) {
     if bytes.starts_with(b"PK") || bytes.starts_with(&[0xd0, 0xcf, 0x11, 0xe0]) {
         return all(Source::Bytes(bytes));
     }
+    let inside = String::from_utf8_lossy(bytes);
+    let book = if inside.starts_with("<table:") { of_tables(&inside) } else { of_sheet(&inside) };
+    all(Source::Bytes(&book));
+}
+
+/// A workbook of OpenDocument with these tables.
+fn of_tables(tables: &str) -> Vec<u8> {
+    const NAMES: &str = "urn:oasis:names:tc:opendocument:xmlns";
+    let names: String = ["office", "table", "text"]
+        .iter()
+        .map(|name| format!(" xmlns:{name}=\"{NAMES}:{name}:1.0\""))
+        .collect();
+    let content = format!(
+        "<office:document-content{names}><office:body><office:spreadsheet>{tables}</office:spreadsheet></office:body>\
+         </office:document-content>"
+    );
+    let manifest = format!("<manifest:manifest xmlns:manifest=\"{NAMES}:manifest:1.0\"/>");
+    archive(&[
+        ("mimetype", "application/vnd.oasis.opendocument.spreadsheet"),
+        ("META-INF/manifest.xml", &manifest),
+        ("content.xml", &content),
+    ])
+}
+
+/// A workbook of Excel with this sheet, and behind a zero each its formats, its texts and the attributes of these.
+fn of_sheet(inside: &str) -> Vec<u8> {
     const MAIN: &str = "http://schemas.openxmlformats.org/spreadsheetml/2006/main";
     const RELATIONS: &str = "http://schemas.openxmlformats.org/officeDocument/2006/relationships";
     const PACKAGE: &str = "http://schemas.openxmlformats.org/package/2006/relationships";
     const PARTS: [(&str, &str); 3] =
-        [("worksheet", "worksheets/sheet1"), ("styles", "styles"), ("sharedStrings", "strings")];
-    let inside = String::from_utf8_lossy(bytes);
-    let mut parts = inside.splitn(3, '\0');
+        [("worksheet", "worksheets/sheet1"), ("styles", "styles"), ("sharedStrings", "sharedStrings")];
+    let mut parts = inside.splitn(4, '\0');
     let sheet = format!("<worksheet xmlns=\"{MAIN}\">{}</worksheet>", parts.next().unwrap_or_default());
     let styles =
         parts.next().unwrap_or("<cellXfs count=\"2\"><xf numFmtId=\"0\"/><xf numFmtId=\"22\"/></cellXfs>");
     let styles = format!("<styleSheet xmlns=\"{MAIN}\">{styles}</styleSheet>");
-    let strings = format!("<sst xmlns=\"{MAIN}\">{}</sst>", parts.next().unwrap_or("<si><t>PV</t></si>"));
+    let texts = parts.next().unwrap_or("<si><t>PV</t></si>");
+    let told = parts.next().unwrap_or("uniqueCount=\"1\"");
+    let texts = format!("<sst xmlns=\"{MAIN}\" {told}>{texts}</sst>");
     let related: String = PARTS
         .iter()
         .map(|(kind, file)| {
@@ -93,13 +121,14 @@ pub fn excel(bytes: &[u8]) {
     let related = format!("<Relationships xmlns=\"{PACKAGE}\">{related}</Relationships>");
     let types = "<Types xmlns=\"http://schemas.openxmlformats.org/package/2006/content-types\">\
                  <Default Extension=\"xml\" ContentType=\"application/xml\"/></Types>";
-    all(Source::Bytes(&archive(&[
+    archive(&[
         ("[Content_Types].xml", types),
         ("_rels/.rels", &root),
         ("xl/workbook.xml", &book),
         ("xl/_rels/workbook.xml.rels", &related),
         ("xl/styles.xml", &styles),
-        ("xl/strings.xml", &strings),
+        // The library looks for it by this name, whatever the list of parts calls it.
+        ("xl/sharedStrings.xml", &texts),
         ("xl/worksheets/sheet1.xml", &sheet),
-    ])));
+    ])
 }

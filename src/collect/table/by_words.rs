@@ -1,8 +1,9 @@
 //! The controller's mode under a name that nobody lists: it is known by its words.
 
 use super::channel::Channel;
-use super::error::{TableError, listed};
+use super::error::{TableError, listed, shown};
 use super::names::{Name, controller};
+use super::words::Words;
 use crate::signal::Role;
 
 /// Makes that one of these channels the mode which is nothing else, speaks of a mode, and belongs to the loop of OP by its name,
@@ -45,6 +46,18 @@ pub fn find_mode(channels: &mut [Channel], of_loop: &[usize], rows: Option<u64>)
         own.words = Some(std::mem::take(&mut own.texts));
     }
     Ok(())
+}
+
+/// What is asked of a column that is called a quality and holds the words of a mode, such as `Status`; `None` where it holds others.
+pub fn under_quality(words: &Words, name: &str) -> Option<TableError> {
+    let name = shown(name);
+    words.speak_of_mode().then(|| {
+        TableError::refused(format!(
+            "column {name}: it holds {}, as the controller's mode does; say so with --mode {name:?}, or which of them are good values \
+             with --good-values",
+            words.listed()
+        ))
+    })
 }
 
 /// Whether a name may belong to a loop: it has no number and no path of its own, or the tag of the loop. `A/M` is no path.

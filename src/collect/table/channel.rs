@@ -4,7 +4,7 @@ use super::error::{TableError, shown};
 use super::evidence::Evidence;
 use super::layout::Long;
 use super::number::{self, Decimal};
-use super::says::{are_letters, behind_number};
+use super::says::{are_letters, behind_number, measured};
 use super::source::{Cell, Rows};
 use super::stamp;
 use super::words::Words;
@@ -167,7 +167,7 @@ impl Channel {
         }
         let value = match cell {
             Cell::Number(value) => Some(*value).filter(|value| value.is_finite()),
-            Cell::Text(text) => number::scan(text).and_then(|number| {
+            Cell::Text(text) => measured(text).and_then(|number| {
                 let value = number.value(Decimal::Point).or_else(|| number.value(Decimal::Comma))?;
                 self.evidence.add(&number, line, &self.tag.name, text);
                 self.unit(number.unit, line);
@@ -234,6 +234,17 @@ impl Channel {
     pub fn is_text(&self) -> bool {
         let numbers = |words: &Words| words.numbers().is_some();
         self.cells > 0 && self.numbers == 0 && !self.words.as_ref().is_some_and(numbers)
+    }
+
+    /// What its cells have that keeps them from being numbers, in words; empty where it is not known.
+    pub fn why_no_number(&self) -> String {
+        let mark = self.first_bad.as_ref().and_then(|(_, cell)| number::mark(cell));
+        mark.map_or_else(String::new, |mark| {
+            format!(
+                ": what {mark:?} behind a number means is not known; take it off, or write it into a column of its own, such as \
+                 \"pv_status\", of which --good-values says what is good"
+            )
+        })
     }
 
     /// Whether the letters behind its numbers say how good these are.

@@ -2,7 +2,7 @@
 
 use super::blanks::Blanks;
 use super::error::TableError;
-use super::source::{Cell, Rows};
+use super::source::{Cell, Rows, is_nothing};
 use super::text::{Encoding, MAX_LINE, Text};
 use std::io::{self, Read};
 
@@ -53,7 +53,7 @@ impl<R: Read> Rows for Lines<R> {
             let begins = self.rows.position().line();
             match self.rows.read_record(&mut self.row) {
                 Ok(false) => return Ok(None),
-                Ok(true) if self.row.iter().all(|cell| super::number::bare(cell).is_empty()) => {}
+                Ok(true) if self.row.iter().all(is_nothing) => {}
                 // The text ends every line in one newline, so the reader now stands on the line after this one.
                 Ok(true) => {
                     let ends = self.rows.position().line().saturating_sub(1);
@@ -82,9 +82,6 @@ impl<R: Read> Rows for Lines<R> {
     }
 
     fn cell(&self, at: usize) -> Cell<'_> {
-        match self.row.get(at) {
-            Some(text) if !super::number::bare(text).is_empty() => Cell::Text(text),
-            _ => Cell::Blank,
-        }
+        self.row.get(at).map_or(Cell::Blank, Cell::of_text)
     }
 }

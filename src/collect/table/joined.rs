@@ -4,10 +4,11 @@
 //! and what it says holds until its next sample.
 
 use super::channel::Channel;
-use super::error::TableError;
+use super::error::{TableError, shown};
 use super::names::Name;
 use super::says::Says;
 use super::vocabulary::VALUES;
+use super::words::Words;
 use crate::signal::Quality;
 use std::collections::HashMap;
 
@@ -35,9 +36,44 @@ impl Joined {
     }
 }
 
+/// The value of which a tag of this name says if it is good, and whether it does so by a word that means nothing else.
+fn value_of(name: &Name) -> Option<(String, bool)> {
+    let listed = name.quality_of().filter(|of| !of.is_empty());
+    listed.map(|of| (of, true)).or_else(|| Some((name.may_qualify()?, false)))
+}
+
 /// Whether a tag of this name may say if the value of another is good.
 pub fn is_quality(name: &str) -> bool {
-    Name::new(name).quality_of().is_some_and(|of| !of.is_empty())
+    value_of(&Name::new(name)).is_some()
+}
+
+/// Whether a tag says so by its name and by what stands in it: `FIC101.PV_CODE` may be measured, and `FIC101.PV_STS` a text.
+fn may_say(own: &Channel) -> bool {
+    let by_name = value_of(&Name::new(&own.tag.name));
+    let says = |words: &Words| {
+        by_name.is_some_and(|(_, is_sure)| is_sure || words.speak_of_quality() || words.are_states())
+    };
+    own.role.is_none() && own.quality.as_ref().is_some_and(says)
+}
+
+/// How a tag says it; `None` where the good values that are told are not among its own, so that they are meant for others.
+///
+/// # Errors
+/// Nobody knows how, or whether it does.
+fn how(tag: &str, words: &Words, is_sure: bool, told: Option<&[String]>) -> Result<Option<Says>, TableError> {
+    let meant = told.filter(|good| words.more || words.any_of(good));
+    if is_sure || meant.is_some() || words.speak_of_quality() {
+        return Says::decide(words, meant, tag);
+    }
+    if told.is_some() {
+        return Ok(None);
+    }
+    Err(TableError::refused(format!(
+        "tag {:?} may say which values are good: it holds {}; list the good ones with --good-values, or all of them where it says \
+         nothing of the kind",
+        shown(tag),
+        words.listed()
+    )))
 }
 
 /// The tags that say of others whether they are good; both channels know of it then.
@@ -45,15 +81,16 @@ pub fn is_quality(name: &str) -> bool {
 /// # Errors
 /// One of which nobody knows how it says it, where its value is needed: it belongs to the loop that is read, or to any where `all` are.
 pub fn find(channels: &mut [Channel], told: Option<&[String]>, all: bool) -> Result<Vec<Joined>, TableError> {
-    let says = |own: &Channel| own.role.is_none() && own.quality.is_some();
-    if !channels.iter().any(says) {
+    if !channels.iter().any(may_say) {
         return Ok(Vec::new());
     }
     let mut values: HashMap<(&str, String), Vec<usize>> = HashMap::new();
-    for (at, own) in channels.iter().enumerate().filter(|(_, own)| !says(own)) {
+    for (at, own) in channels.iter().enumerate().filter(|(_, own)| !may_say(own)) {
         let name = Name::new(&own.tag.name);
         let short = |word: &&str| name.plain().strip_suffix(*word)?.strip_suffix(' ').map(str::to_string);
-        let keys = VALUES.iter().filter_map(short).chain([name.plain().to_string()]);
+        // The letter of `FIC101.PV C` may be its unit, which its quality has not.
+        let lettered = name.lettered().map(|(before, _)| before.plain().to_string());
+        let keys = VALUES.iter().filter_map(short).chain([name.plain().to_string()]).chain(lettered);
         for key in keys.filter(|key| !key.is_empty()) {
             values.entry((own.tag.owner.as_str(), key)).or_default().push(at);
         }
@@ -61,13 +98,12 @@ pub fn find(channels: &mut [Channel], told: Option<&[String]>, all: bool) -> Res
     let is_needed =
         |value: &Channel| value.role.is_some() || all && Name::new(&value.tag.name).said().is_some();
     let mut found: Vec<(Vec<usize>, Joined)> = Vec::new();
-    for (by, own) in channels.iter().enumerate().filter(|(_, own)| says(own)) {
-        let of = Name::new(&own.tag.name).quality_of().unwrap_or_default();
+    for (by, own) in channels.iter().enumerate().filter(|(_, own)| may_say(own)) {
+        let Some((of, is_sure)) = value_of(&Name::new(&own.tag.name)) else { continue };
         let Some(of) = values.get(&(own.tag.owner.as_str(), of)).cloned() else { continue };
         let Some(words) = &own.quality else { continue };
         let needed = of.iter().any(|at| is_needed(&channels[*at]));
-        // Good values that are not among these are meant for others.
-        match Says::decide(words, told.filter(|good| words.more || words.any_of(good)), &own.tag.name) {
+        match how(&own.tag.name, words, is_sure, told) {
             Ok(Some(says)) => found.push((of, Joined { by, says, since: Vec::new() })),
             Err(error) if needed => return Err(error),
             Ok(None) | Err(_) => {}

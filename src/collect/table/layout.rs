@@ -464,10 +464,13 @@ fn units(layout: &mut Layout, below: &[SeenRow]) {
         row.1.get(layout.time).is_some_and(|cell| !matches!(cell.kind, WhatKind::Blank | WhatKind::Nothing))
     };
     let extra = below.iter().take(BELOW + 1).position(is_sample).unwrap_or(0);
-    // Ignition has a row of types, `#TYPES`.
     let is_comment =
-        |row: &&SeenRow| row.1.first().is_some_and(|cell| cell.text.trim_start().starts_with('#'));
-    for (_, row) in below[..extra].iter().filter(|row| !is_comment(row)) {
+        |row: &SeenRow| row.1.first().is_some_and(|cell| cell.text.trim_start().starts_with('#'));
+    for (at, (_, row)) in below[..extra].iter().enumerate() {
+        let are_types = at.checked_sub(1).is_some_and(|above| announces_types(&below[above].1));
+        if is_comment(&below[at]) || are_types {
+            continue;
+        }
         let unit = |at: usize| row.get(at).and_then(|cell| as_unit(&cell.text)).map(str::to_string);
         if layout.time_unit.is_none() {
             layout.time_unit = unit(layout.time);
@@ -481,4 +484,12 @@ fn units(layout: &mut Layout, below: &[SeenRow]) {
         }
     }
     layout.skip = extra;
+}
+
+/// Whether a row says that the types of the columns stand below it, as Ignition writes them: `#TYPES` above `date,D,D`. `D` is a
+/// number there, and no day.
+fn announces_types(row: &[Seen]) -> bool {
+    let mut cells = row.iter();
+    let is_named = cells.next().is_some_and(|cell| cell.text.trim().eq_ignore_ascii_case("#types"));
+    is_named && cells.all(|cell| cell.kind == WhatKind::Blank)
 }

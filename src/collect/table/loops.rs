@@ -126,6 +126,13 @@ fn is_none(role: Role, told: &str) -> bool {
     role == Role::Mode && told.eq_ignore_ascii_case("none")
 }
 
+/// The loops in names that no letter stands behind.
+fn named_owners(names: &[Name]) -> BTreeSet<String> {
+    let without_letter = names.iter().filter(|name| name.lettered().is_none());
+    let owners = without_letter.filter_map(|name| Some(name.said()?.owner));
+    owners.filter(|owner| !owner.is_empty()).collect()
+}
+
 /// The tags of each loop.
 fn grouped(channels: &mut [Channel], names: &[Name], options: &Options) -> Result<Vec<Group>, TableError> {
     let wanted = options.of_loop.as_ref().map(|own| (own, Name::new(own).plain().to_string()));
@@ -135,16 +142,21 @@ fn grouped(channels: &mut [Channel], names: &[Name], options: &Options) -> Resul
     let mut places: HashMap<Key, usize> = HashMap::new();
     let mut nameless = Vec::new();
     let mut others = Vec::new();
+    let owners = named_owners(names);
     // Whether any tag may be one of the loop that is wanted, and not only beside it.
     let mut any_wanted = wanted.is_none();
     for (at, (channel, name)) in channels.iter().zip(names).enumerate() {
         if name.is_none() {
             continue;
         }
-        let said = name.said();
+        // `TIC101.PV C` is of TIC101 where other tags are.
+        let before = name.lettered().map(|(before, _)| before);
+        let before = before.filter(|own| own.said().is_some_and(|said| owners.contains(&said.owner)));
+        let own = before.as_ref().unwrap_or(name);
+        let said = own.said();
         let meaning = said.as_ref().map(|said| said.meaning);
         let owner = said.map(|said| said.owner);
-        let written = name.owner_as_written();
+        let written = own.owner_as_written();
         // `OP [FIC101]` has its loop in brackets.
         let owner = owner.map(|own| match &written {
             Some(written) if own.is_empty() => Name::new(written).plain().to_string(),

@@ -25,7 +25,7 @@ impl Meaning {
     }
 }
 
-/// Units that may stand behind a name without brackets: `OP %`, `PV degC`.
+/// Units that may stand behind a name without brackets: `OP %`, `PV degC`; a letter alone only behind a comma or times (`t_s`).
 const UNITS: &[&str] = &[
     "%", "pct", "percent", "ma", "a", "v", "degc", "degf", "°c", "°f", "c", "k", "bar", "mbar", "bara",
     "barg", "pa", "kpa", "mpa", "psi", "psig", "m3/h", "m³/h", "nm3/h", "l/h", "l/min", "l/s", "gpm", "kg/h",
@@ -123,6 +123,9 @@ impl Name {
         if let Some((meaning, owner)) = with_number(&self.plain) {
             return Some(Said { meaning, owner });
         }
+        if let Some((_, Said { meaning, owner }, letter)) = self.before_letter() {
+            return Some(Said { meaning, owner: plain(&format!("{owner} {letter}")) });
+        }
         // `FIC101.PV - FIC101.SP` is a difference.
         let is_known = |name: &str| Name::new(name).said().is_some();
         let are_known =
@@ -172,6 +175,24 @@ impl Name {
         said.map(|(meaning, owner)| Said { meaning, owner }).or_else(|| self.described())
     }
 
+    /// The name before the letter of a loop, what it says, and that letter: `FIC101.OP` and `B` of `FIC101.OP_B`. `Q` is a quality.
+    fn before_letter(&self) -> Option<(Name, Said, String)> {
+        let path = self.path();
+        let (before, letter) = path.rsplit_once([' ', '_'])?;
+        let before = before.trim_end_matches([' ', '_']);
+        // `FIC101.OP - Valve B` has words of its own, and `A M` is no loop.
+        let is_loop = is_letter(letter) && !letter.eq_ignore_ascii_case("q") && !path.contains(" - ");
+        let is_first = plain(before).rsplit(' ').next().is_some_and(|last| !is_letter(last));
+        let name = (is_loop && is_first).then(|| Name::new(before))?;
+        let said = name.said().filter(|said| matches!(said.meaning, Meaning::Role(_)))?;
+        Some((name, said, letter.to_string()))
+    }
+
+    /// The name of OP, PV and the like before the letter of a loop, and that letter: `FIC101.OP` and `B` of `FIC101.OP_B`.
+    pub fn lettered(&self) -> Option<(Name, String)> {
+        self.before_letter().map(|(name, _, letter)| (name, letter))
+    }
+
     /// `FIC101.OP - Valve of the feed`: a tag and what it is in words.
     fn described(&self) -> Option<Said> {
         let (tag, words) = self.full.split_once(" - ")?;
@@ -189,6 +210,12 @@ impl Name {
         };
         if said.owner.is_empty() {
             return bracketed();
+        }
+        if let Some((name, letter)) = self.lettered() {
+            return Some(match name.owner_as_written() {
+                Some(own) => format!("{own} {letter}"),
+                None => letter,
+            });
         }
         // The shortest beginning that has as many letters.
         let all = said.owner.chars().filter(|c| *c != ' ').count();
@@ -357,6 +384,17 @@ pub fn as_unit(cell: &str) -> Option<&str> {
     is_unit(inner).then_some(inner)
 }
 
+fn is_letter(text: &str) -> bool {
+    text.len() == 1 && text.bytes().all(|byte| byte.is_ascii_alphabetic())
+}
+
+/// Whether a name is that of times, or ends with one: `t`, `OP_time`.
+fn is_of_times(name: &str) -> bool {
+    let name = plain(name);
+    let is_end = |rest: &str| rest.is_empty() || rest.ends_with(' ');
+    TIME.iter().any(|own| name.strip_suffix(*own).is_some_and(is_end))
+}
+
 fn is_unit(text: &str) -> bool {
     let small = text.to_lowercase();
     UNITS.contains(&small.as_str()) || small.starts_with('%') || small.starts_with('°')
@@ -400,12 +438,15 @@ fn split_unit(name: &str) -> (&str, Option<&str>) {
     if let Some((before, unit)) = name.rsplit_once([' ', ',', '_'])
         && !before.trim().is_empty()
     {
+        // `OP_C` is that of loop C: a letter alone is a unit behind a comma and behind times.
+        let has_comma = name[before.len()..].starts_with(',') || before.trim_end().ends_with(',');
         let before = before.trim_end_matches([' ', ',', '_']);
+        let may_be_loop = is_letter(unit) && !has_comma && !is_of_times(before);
         let is_time = || whole(&plain(before)) == Some(Meaning::Time);
         // `OP Min` is the least of something, and only times are counted in minutes.
         let is_least = unit.eq_ignore_ascii_case("min") && !is_time();
         let is_zone = !name.contains('_') && HeaderZone::of(unit).is_some();
-        if is_unit(unit) && !is_least || is_zone && is_time() {
+        if is_unit(unit) && !is_least && !may_be_loop || is_zone && is_time() {
             return (before, Some(unit));
         }
     }

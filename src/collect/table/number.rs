@@ -211,7 +211,22 @@ fn form(text: &str) -> Option<Form> {
     }
 }
 
-impl Number<'_> {
+/// What stands behind the digits of a cell and makes it no number: `*` of `51.8*`. Dates and addresses have digits behind it, too.
+pub fn mark(cell: &str) -> Option<&str> {
+    let cell = bare(cell);
+    let signed = cell.trim_start_matches(['+', '-', '\u{2212}']);
+    let (digits, mark) = signed.split_at(digits_end(signed));
+    let mark = mark.trim();
+    let is_mark = !mark.is_empty() && !mark.bytes().any(|byte| byte.is_ascii_digit());
+    (is_mark && scan(digits).is_some() && scan(cell).is_none()).then_some(mark)
+}
+
+impl<'a> Number<'a> {
+    /// The same number with something else behind it.
+    pub fn with_unit(self, unit: &'a str) -> Self {
+        Self { unit, ..self }
+    }
+
     /// Whether it is written with one.
     pub fn has_exponent(&self) -> bool {
         self.text.contains(['e', 'E', 'd', 'D'])
@@ -298,8 +313,20 @@ mod tests {
         for text in
             ["", "-", "Bad", "01.06.2026", "06:00:00", "2026-06-01", "10.0.0.5", "1,2,3", "1,23.4,5", "NaN"]
         {
-            assert_eq!(scan(text), None, "{text}");
+            assert_eq!((scan(text), mark(text)), (None, None), "{text}");
         }
         assert_eq!(scan("1e999").and_then(|number| number.value(Point)), None);
+    }
+
+    #[test]
+    fn what_makes_digits_no_number_is_named() {
+        for (text, behind) in
+            [("51.8*", "*"), ("-51,8 *", "*"), ("51.8 (ok?)", "(ok?)"), ("7 ?", "?"), ("51.8#", "#")]
+        {
+            assert_eq!((scan(text), mark(text)), (None, Some(behind)), "{text}");
+        }
+        for text in ["51.8", "51.8 %", "51.8 bar", "-5", "5-", "shut", "2024-02-30x"] {
+            assert_eq!(mark(text), None, "{text}");
+        }
     }
 }

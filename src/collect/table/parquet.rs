@@ -152,6 +152,8 @@ fn cell(field: &Field, stamps: Stamps) -> Cell<'_> {
     let moment = |value: i64, per: i64| {
         value.checked_mul(per).map_or(Cell::Blank, |ns| Cell::Moment { ns, civil: stamps.civil })
     };
+    // Spark, DuckDB and pandas write NaN where nothing was measured.
+    let float = |value: f64| if value.is_nan() { Cell::Blank } else { Cell::Number(value) };
     match field {
         Field::Null => Cell::Blank,
         Field::Bool(on) => Cell::Number(f64::from(u8::from(*on))),
@@ -165,13 +167,13 @@ fn cell(field: &Field, stamps: Stamps) -> Cell<'_> {
         Field::UShort(v) => Cell::Number(f64::from(*v)),
         Field::UInt(v) => Cell::Number(f64::from(*v)),
         Field::ULong(v) => Cell::Number(*v as f64),
-        Field::Float16(v) => Cell::Number(f64::from(f32::from(*v))),
-        Field::Float(v) => Cell::Number(f64::from(*v)),
-        Field::Double(v) => Cell::Number(*v),
+        Field::Float16(v) => float(f64::from(f32::from(*v))),
+        Field::Float(v) => float(f64::from(*v)),
+        Field::Double(v) => float(*v),
         Field::Decimal(_) => field.to_string().parse().map_or(Cell::Blank, Cell::Number),
-        Field::Str(text) => Cell::Text(text),
+        Field::Str(text) => Cell::of_text(text),
         // Text that nobody has marked as such.
-        Field::Bytes(bytes) => bytes.as_utf8().map_or(Cell::Blank, Cell::Text),
+        Field::Bytes(bytes) => bytes.as_utf8().map_or(Cell::Blank, Cell::of_text),
         Field::Date(days) => {
             let civil = Stamps { civil: true, ..stamps };
             i64::from(*days)

@@ -174,6 +174,15 @@ fn may_speak(other: &Other, name: &Name, rows: u64, loop_name: &str) -> bool {
             || marks && other.words.tell_rows_apart(rows))
 }
 
+/// Whether a column holds a state that may be that of a value of the loop, and nobody knows which of its numbers are good: `PV_STS`.
+fn may_qualify(other: &Other, layout: &Layout) -> bool {
+    let (Body::Wide(wide), Some(of)) = (&layout.body, layout.names[other.at].may_qualify()) else {
+        return false;
+    };
+    let mut values = wide.columns.iter().zip(&wide.roles).filter(|(_, role)| role.is_some());
+    values.any(|(at, _)| layout.names[*at].owns_quality(&of)) && other.words.are_states()
+}
+
 /// What is asked of such a column.
 fn doubt(other: &Other, layout: &Layout) -> TableError {
     let name = &layout.names[other.at];
@@ -298,7 +307,9 @@ impl Others {
         };
         let (mut found, others): (Vec<Other>, Vec<Other>) = self.columns.into_iter().partition(speaks);
         let loop_name = control_loop.as_deref().unwrap_or_default();
-        let may_speak = |other: &Other| may_speak(other, &layout.names[other.at], self.rows, loop_name);
+        let may_speak = |other: &Other| {
+            may_qualify(other, layout) || may_speak(other, &layout.names[other.at], self.rows, loop_name)
+        };
         let (mut asked, others): (Vec<Other>, Vec<Other>) = others.into_iter().partition(may_speak);
         let sure = !found.is_empty() || !self.known.is_empty();
         if let Some(told) = told {

@@ -8,6 +8,10 @@ use crate::signal::Role;
 const SHORT_VALUES: [&str; 5] = ["op", "pv", "sp", "sv", "mv"];
 /// Flags that stand at them so: `PVBad`.
 const FLAGS: [&str; 2] = ["bad", "good"];
+/// Words beside the name of a value that may say how good it is, and mean other things as well: `PV_STS`.
+const STATES: [&str; 7] = ["sts", "stat", "state", "flag", "flags", "flg", "code"];
+/// Those of them that may stand at the shortest names without a sign between; `opcode` and `opstate` are words of their own.
+const STATES_AT: [&str; 3] = ["sts", "stat", "flag"];
 /// What a meaning is called by itself.
 const MEANINGS: [&str; 6] = ["t", "op", "pv", "sp", "mv", "mode"];
 
@@ -78,12 +82,23 @@ impl Name {
         let behind = own.split_once(' ').map(|(_, behind)| behind);
         let all = [
             self.quality_of(),
+            self.may_qualify(),
             before.map(str::to_string),
             behind.map(str::to_string),
             Some(plain(self.brackets())),
             self.at_short_value(&FLAGS),
         ];
         all.into_iter().flatten().filter(|of| !of.is_empty()).collect()
+    }
+
+    /// The value of which it may say how good it is, by a word that means other things as well: `pv` of `PV_STS` and of `Flag PV`.
+    pub fn may_qualify(&self) -> Option<String> {
+        let own = self.plain();
+        let is_state = |word: &str| STATES.contains(&word);
+        let behind = own.rsplit_once(' ').filter(|(_, word)| is_state(word)).map(|(of, _)| of);
+        let before = own.split_once(' ').filter(|(word, _)| is_state(word)).map(|(_, of)| of);
+        let of = behind.or(before).map(str::to_string).or_else(|| self.at_short_value(&STATES_AT));
+        of.filter(|of| is_value(of))
     }
 
     /// Without a number behind it, by which columns that belong together differ: `q` of `Q1` and of `Q2`.
@@ -104,7 +119,9 @@ impl Name {
             VALUES.iter().any(|value| self.plain().strip_suffix(value).is_some_and(|p| p.trim_end() == of))
         };
         let short = || MEANINGS.contains(&of) && self.said().is_some_and(|said| said.meaning.as_str() == of);
-        self.plain() == of || value() || short()
+        // The letter of `FIC101.PV C` may be its unit, which its quality has not.
+        let lettered = || self.lettered().is_some_and(|(name, _)| name.owns_quality(of));
+        self.plain() == of || value() || short() || lettered()
     }
 }
 
@@ -150,6 +167,24 @@ mod tests {
         ] {
             let values = Name::new(name).values_of();
             assert!(values.iter().any(|own| own == of), "{name}: {values:?}");
+        }
+    }
+
+    #[test]
+    fn a_state_beside_the_name_of_a_value_may_say_how_good_it_is() {
+        for (name, of) in [
+            ("PV_STS", Some("pv")),
+            ("FIC101.PV_FLAG", Some("fic101 pv")),
+            ("SP Code", Some("sp")),
+            ("Stat OP", Some("op")),
+            ("PVSTS", Some("pv")),
+            ("MODE_STS", None),
+            ("Batch code", None),
+            ("OpCode", None),
+            ("State", None),
+            ("Flag", None),
+        ] {
+            assert_eq!(Name::new(name).may_qualify().as_deref(), of, "{name}");
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Which of many names are OP, PV and the others of one loop.
 
-use super::error::{TableError, listed};
+use super::error::{TableError, listed, shown};
 use super::names::{Meaning, Name, controller};
 use super::options::Options;
 use crate::signal::Role;
@@ -25,6 +25,20 @@ struct Candidate {
     at: usize,
     role: Role,
     owner: String,
+    /// The owner without the letter behind the name: `fic101` of `FIC101.OP_B`; `None` without a letter.
+    base: Option<String>,
+}
+
+impl Candidate {
+    /// Its loop, and the one that it is of where the letter behind its name is none of it.
+    fn owners(&self) -> impl Iterator<Item = &str> {
+        [Some(self.owner.as_str()), self.named_base()].into_iter().flatten()
+    }
+
+    /// What stands before a name with a letter behind it.
+    fn named_base(&self) -> Option<&str> {
+        self.base.as_deref().filter(|base| !base.is_empty())
+    }
 }
 
 /// Gives each name its role. `number` is what messages and options count columns from 1 by; a tag of a long table has none.
@@ -59,22 +73,23 @@ pub fn as_far_as_there(
         .enumerate()
         .filter(|(at, name)| found[*at].is_none() && name.quality_of().is_none())
         .filter_map(|(at, name)| match name.said()? {
-            said if wanted.as_ref().is_some_and(|own| !said.owner.is_empty() && !owns(own, &said.owner)) => {
-                None
-            }
+            said if wanted.as_ref().is_some_and(|own| is_of_another(name, &said.owner, own)) => None,
             said => match said.meaning {
                 // `OP [FIC101]`, `op{loop="FIC101"}`: what stands in brackets is no unit.
                 Meaning::Role(role) => {
                     let bracketed = || name.unit.as_deref().map(|unit| Name::new(unit).plain().to_string());
                     let labelled = said.owner.is_empty().then(bracketed).flatten();
                     let owner = labelled.filter(|unit| controller(unit).is_some()).unwrap_or(said.owner);
-                    Some(Candidate { at, role, owner })
+                    let base = name.lettered().and_then(|(before, _)| Some(before.said()?.owner));
+                    let base = base.filter(|base| *base != owner);
+                    Some(Candidate { at, role, owner, base })
                 }
                 Meaning::Time => None,
             },
         })
         .collect();
     candidates.retain(|c| options.column(c.role.as_str()).is_none());
+    without_limits(&mut candidates);
     // Where nothing else is the controller's output, a vendor's MV (the manipulated variable) is; a stem's position is not.
     // A CV may be a controlled variable beside it.
     let says = |c: &Candidate, short: &str| names[c.at].plain().split(' ').any(|word| word == short);
@@ -102,9 +117,34 @@ pub fn as_far_as_there(
             found[at] = Some(role);
         }
     }
+    letter_of_op(&seen, &found)?;
     let missing = [Role::Op, Role::Pv].into_iter().filter(|role| !found.contains(&Some(*role)));
     let missing: Vec<&str> = missing.map(Role::as_str).collect();
     Ok((found, missing))
+}
+
+/// Takes away what has a letter behind the name of another: `FIC101.OP_H` beside `FIC101.OP` is something else of the same loop.
+fn without_limits(candidates: &mut Vec<Candidate>) {
+    let plain = candidates.iter().filter(|c| c.base.is_none());
+    let plain: Vec<(Role, String)> = plain.map(|c| (c.role, c.owner.clone())).collect();
+    let is_plain = |role: Role, base: &str| plain.iter().any(|(own, owner)| *own == role && owner == base);
+    candidates.retain(|c| c.named_base().is_none_or(|base| !is_plain(c.role, base)));
+}
+
+/// Refuses an OP with a letter behind its name that its PV has not: it is a loop, or a unit that says how far OP goes.
+fn letter_of_op(seen: &Seen<'_>, found: &Roles) -> Result<(), Trouble> {
+    let op = seen.candidates.iter().find(|c| c.role == Role::Op && found[c.at] == Some(Role::Op));
+    let pv = found.iter().position(|own| *own == Some(Role::Pv)).map(|at| &seen.names[at]);
+    let (Some(op), Some(pv)) = (op.filter(|op| op.base.is_some()), pv) else { return Ok(()) };
+    if pv.said().is_some_and(|said| said.owner == op.owner) {
+        return Ok(());
+    }
+    Err(Trouble::Refused(TableError::refused(format!(
+        "{:?}: the letter behind it is its unit or its loop, and {:?} has another or none; write a unit in brackets, such as \"OP [V]\", \
+         or name both with --op and --pv",
+        shown(&seen.names[op.at].full),
+        shown(&pv.full)
+    ))))
 }
 
 /// What a role is chosen from.
@@ -124,6 +164,14 @@ pub fn owns(own: &str, path: &str) -> bool {
     path == own
         || path.strip_suffix(own).is_some_and(|p| p.ends_with(' '))
         || path.strip_prefix(own).is_some_and(|p| p.starts_with(' '))
+}
+
+/// Whether a name with this owner is of another loop than the wanted one. Where that has more than a letter, a letter behind a name
+/// without a loop may be its unit.
+fn is_of_another(name: &Name, owner: &str, wanted: &str) -> bool {
+    let is_bare = |before: &Name| before.said().is_some_and(|said| said.owner.is_empty());
+    let may_be_unit = || wanted.len() > 1 && name.lettered().is_some_and(|(before, _)| is_bare(&before));
+    !owner.is_empty() && !owns(wanted, owner) && !may_be_unit()
 }
 
 /// Whether two areas are known and not the same.
@@ -156,6 +204,15 @@ fn second_column(seen: &Seen<'_>, (first, second): (usize, usize), role: Role) -
     )))
 }
 
+/// Those of a loop: the set point of another one is none of it. `FIC101.PV C` is of FIC101 where nothing else is.
+fn of_loop<'c>(left: &[&'c Candidate], owner: &str) -> Vec<&'c Candidate> {
+    let same: Vec<&Candidate> = left.iter().copied().filter(|c| c.owner == owner).collect();
+    if !same.is_empty() {
+        return same;
+    }
+    left.iter().copied().filter(|c| c.named_base() == Some(owner)).collect()
+}
+
 /// The one candidate for a role, and the loop it belongs to.
 fn choose(
     seen: &Seen<'_>,
@@ -181,11 +238,11 @@ fn choose(
     let mut left: Vec<&Candidate> = of(role).collect();
     // The set point of a controller that has a name is none of a bare OP and PV.
     if !needed && !seen.wanted && owner.as_ref().is_some_and(String::is_empty) {
-        left.retain(|c| controller(&c.owner).is_none());
+        let of_another = |c: &Candidate| of(Role::Op).any(|op| op.owner == c.owner);
+        left.retain(|c| controller(&c.owner).is_none() && !of_another(c));
     }
     if let Some(owner) = owner.as_ref().filter(|owner| !owner.is_empty()) {
-        // The set point of another loop is none of this one.
-        let same: Vec<&Candidate> = left.iter().copied().filter(|c| c.owner == *owner).collect();
+        let same = of_loop(&left, owner);
         if !needed || !same.is_empty() {
             left = same;
         }
@@ -194,11 +251,11 @@ fn choose(
         let owners = |role: Role| {
             let place = [Role::Op, Role::Pv].iter().position(|own| *own == role);
             let told = place.and_then(|at| told[at].as_deref());
-            of(role).map(|c| c.owner.as_str()).chain(told).collect::<BTreeSet<_>>()
+            of(role).flat_map(Candidate::owners).chain(told).collect::<BTreeSet<_>>()
         };
         let both: Vec<&str> = owners(Role::Op).intersection(&owners(Role::Pv)).copied().collect();
         if let [own] = both.as_slice() {
-            left.retain(|c| c.owner == *own);
+            left.retain(|c| c.owners().any(|owner| owner == *own));
         }
     }
     if let ([one], Some(owner), true) = (left.as_slice(), owner.as_ref(), needed)
@@ -216,7 +273,9 @@ fn choose(
         [] => Ok(None),
         [one] => {
             if needed && owner.as_ref().is_none_or(String::is_empty) {
-                *owner = Some(one.owner.clone());
+                // Behind PV alone the letter may be its unit, which the mode has not.
+                let base = one.base.as_ref().filter(|_| role == Role::Pv);
+                *owner = Some(base.unwrap_or(&one.owner).clone());
             }
             Ok(Some(one.at))
         }
@@ -320,6 +379,17 @@ mod tests {
             (&["FIC101A.OP", "PLC01.FIC101A.PV"], "op=FIC101A.OP pv=PLC01.FIC101A.PV"),
             (&["FIC101.PIDA.OP", "FIC101.DACA.PV"], "op=FIC101.PIDA.OP pv=FIC101.DACA.PV"),
             (&["SEC01.FIC101.OP", "SEC01.FT101.PV"], "op=SEC01.FIC101.OP pv=SEC01.FT101.PV"),
+            (&["OP_A", "PV_A", "SP_A"], "op=OP_A pv=PV_A sp=SP_A"),
+            (&["OP", "PV C", "SP C", "MODE"], "op=OP pv=PV C sp=SP C mode=MODE"),
+            (&["OP", "PV", "OP_C", "PV_C", "SP_C"], "op=OP pv=PV"),
+            (
+                &["TIC101.OP %", "TIC101.PV C", "TIC101.SP C", "TIC101.MODE"],
+                "op=TIC101.OP % pv=TIC101.PV C sp=TIC101.SP C mode=TIC101.MODE",
+            ),
+            (
+                &["FIC101.OP", "FIC101.OP_H", "FIC101.PV", "FIC101.PV_H", "FIC101.PV_L"],
+                "op=FIC101.OP pv=FIC101.PV",
+            ),
             (
                 &["FIC101/PID1/OUT.CV", "FIC101/PID1/PV.CV", "mv"],
                 "op=FIC101/PID1/OUT.CV pv=FIC101/PID1/PV.CV mv=mv",
@@ -330,6 +400,11 @@ mod tests {
         let two = ["FIC101.OP", "FIC101.PV", "FIC102.OP", "FIC102.PV"];
         let one = Options { of_loop: Some("FIC102".into()), ..Options::default() };
         assert_eq!(pairs(of(&two, &one)), "op=FIC102.OP pv=FIC102.PV");
+        let lettered = ["OP_B", "PV_B", "SP_B", "OP_C", "PV_C", "SP_C"];
+        let one_of = |own: &str| Options { of_loop: Some(own.into()), ..Options::default() };
+        assert_eq!(pairs(of(&lettered, &one_of("C"))), "op=OP_C pv=PV_C sp=SP_C");
+        assert_eq!(pairs(of(&["OP %", "PV C"], &one_of("FIC101"))), "op=OP % pv=PV C");
+        assert!(of(&lettered, &one_of("FIC101")).is_err(), "loops B and C");
         let bare = ["OP", "PV", "FIC102.SP", "TIC205.SP"];
         assert_eq!(pairs(of(&bare, &one)), "op=OP pv=PV sp=FIC102.SP");
         let named = Options { op: Some("valve".into()), pv: Some("2".into()), ..Options::default() };
@@ -353,6 +428,27 @@ mod tests {
                 .contains("\"OP\" is the second column for op (after column 1)")
         );
         assert_eq!(refused(&["flow", "pv"], &plain), "no op");
+        for names in [
+            &["OP_B", "PV_B", "OP_C", "PV_C"][..],
+            &["OP_A", "PV_A", "OP_B", "PV_B"],
+            &["OP a", "PV", "OP b"],
+        ] {
+            let said = refused(names, &plain);
+            assert!(
+                said.contains("may each be op; say which with --op NAME, or which loop with --loop"),
+                "{said}"
+            );
+        }
+        let valves = ["FIC101.OP_A", "FIC101.OP_B", "FIC101.PV"];
+        assert!(refused(&valves, &plain).contains("\"FIC101.OP_A\", \"FIC101.OP_B\" may each be op"));
+        let two = ["TIC101.OP", "TIC101.PV C", "FIC102.OP", "FIC102.PV"];
+        assert!(refused(&two, &plain).contains("\"TIC101.OP\", \"FIC102.OP\" may each be op"));
+        for names in [["OP V", "PV"], ["OP_A", "PV_B"], ["FIC101.OP A", "FIC101.PV"]] {
+            let said = refused(&names, &plain);
+            assert!(said.contains("the letter behind it is its unit or its loop"), "{said}");
+            let [op, pv] = names.map(|name| Some(name.to_string()));
+            assert!(of(&names, &Options { op, pv, ..plain.clone() }).is_ok(), "{names:?} named");
+        }
         let bits = ["FIC101.OP", "FIC101.PV", "FIC101.AUTO", "FIC101.MAN"];
         assert!(refused(&bits, &plain).contains("may each be mode; say which with --mode NAME"));
         for pv in ["FIC102.PV", "TIC-101.PV", "FIC101B.PV", "Unit1/FIC_102/PV"] {

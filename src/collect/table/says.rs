@@ -1,6 +1,7 @@
 //! How a column says that a value is good: in words, by a flag, by alarms, in the numbers of OPC, or as somebody tells.
 
 use super::error::TableError;
+use super::number::{self, Number};
 use super::source::Cell;
 use super::words::{Words, as_words, word};
 use crate::signal::{BadReason, Quality};
@@ -233,11 +234,32 @@ fn is_of_a_fieldbus(number: f64) -> bool {
     (128.0..65_536.0).contains(&number) && number as u64 & 0xc0 == 0x80
 }
 
-/// What stands behind a number, as its unit and the quality that it says: `51.2 Bad`, `51.2 % Bad`. Single letters may be units, `g` is
-/// one, so that `letters` has to tell that they are none.
+/// A cell of a tag as a number. A word in brackets behind it is no unit, but may say how good it is: `51.8 (Good)`.
+pub fn measured(cell: &str) -> Option<Number<'_>> {
+    number::scan(cell).or_else(|| {
+        let cell = number::bare(cell);
+        let (digits, said) = cell.split_at(cell.find(['(', '['])?);
+        let is_said = matches!(behind_number(said, false), ("", Some(_)));
+        let number = number::scan(digits).filter(|number| is_said && number.unit.is_empty());
+        number.map(|number| number.with_unit(said))
+    })
+}
+
+/// A word without brackets around it; `None` for a part of what stands in brackets, the `good)` of `(not good)`.
+fn out_of_brackets(word: &str) -> Option<&str> {
+    const BRACKETS: [(char, char); 2] = [('(', ')'), ('[', ']')];
+    if BRACKETS.iter().any(|(open, close)| word.contains(*open) != word.contains(*close)) {
+        return None;
+    }
+    let within = BRACKETS.iter().find_map(|(open, close)| word.strip_prefix(*open)?.strip_suffix(*close));
+    Some(within.map_or(word, str::trim))
+}
+
+/// What stands behind a number, as its unit and the quality that it says: `51.2 Bad`, `51.2 % (Bad)`. Single letters may be units, `g`
+/// is one, so that `letters` has to tell that they are none.
 pub fn behind_number(unit: &str, letters: bool) -> (&str, Option<Quality>) {
     let says = |word: &str| {
-        let small = word.to_lowercase();
+        let small = out_of_brackets(word)?.to_lowercase();
         let letter = letters && (small == LETTER_OF_GOOD || LETTERS.contains(&small.as_str()));
         let plain =
             UNMISTAKABLE.iter().any(|own| small.starts_with(own)) || NO_UNITS.contains(&small.as_str());
@@ -360,6 +382,18 @@ impl Words {
     pub fn are_flags(&self) -> bool {
         !self.counts.is_empty()
             && self.counts.iter().all(|(word, _)| FLAGS.as_flattened().contains(&word.as_str()))
+    }
+
+    /// Whether they are a state under some numbering, or yes and no: few whole numbers, one of them in half of the rows or more, as
+    /// nothing is that is measured.
+    pub fn are_states(&self) -> bool {
+        const FEW: usize = 8;
+        let is_state = |word: &str| {
+            FLAGS.as_flattened().contains(&word) || code(word).is_some_and(|number| number.fract() == 0.0)
+        };
+        let most = self.counts.iter().map(|(_, count)| *count).max().unwrap_or(0);
+        let are_few = !self.more && (1..=FEW).contains(&self.counts.len());
+        are_few && most * 2 >= self.rows() && self.counts.iter().all(|(word, _)| is_state(word))
     }
 
     /// Whether any of them says that an input or output is open.

@@ -73,10 +73,20 @@ impl<R: Read> Read for Bound<R> {
     }
 }
 
+/// Words by which databases and spreadsheets say that nothing is there: SQL Server's and others', MySQL's and PostgreSQL's, those of
+/// programs that compute, and Excel's.
+pub const NOTHING: [&str; 4] = ["NULL", "\\N", "NaN", "#N/A"];
+
+/// Whether a text says that nothing is there: it is blank, or one of [`NOTHING`] as it is written there.
+pub fn is_nothing(text: &str) -> bool {
+    let bare = super::number::bare(text);
+    bare.is_empty() || NOTHING.contains(&bare)
+}
+
 /// One cell as its file has it.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Cell<'a> {
-    /// Nothing, or blanks.
+    /// Nothing, blanks, or a word for nothing.
     Blank,
     /// Text, which may be a number or a stamp.
     Text(&'a str),
@@ -88,7 +98,12 @@ pub enum Cell<'a> {
     Clock(i64),
 }
 
-impl Cell<'_> {
+impl<'a> Cell<'a> {
+    /// A text of a file.
+    pub fn of_text(text: &'a str) -> Self {
+        if is_nothing(text) { Cell::Blank } else { Cell::Text(text) }
+    }
+
     /// Whether a row that begins with it is a comment.
     pub fn is_comment(&self) -> bool {
         // `########` is a time that a spreadsheet had no room for.
@@ -100,7 +115,7 @@ impl Cell<'_> {
     pub fn is_blank(&self) -> bool {
         match self {
             Cell::Blank => true,
-            Cell::Text(text) => super::number::bare(text).is_empty(),
+            Cell::Text(text) => is_nothing(text),
             _ => false,
         }
     }

@@ -33,7 +33,7 @@ enum Date {
     Known(i64, u32, u32),
     /// Three numbers, and whether the last has the four digits of a year.
     Open([i64; 3], bool),
-    /// Three numbers of two digits with points between: day, month and year unless somebody says otherwise.
+    /// Three numbers of two digits with points between: the month is the second, and the year the first or the last.
     Dotted([i64; 3]),
 }
 
@@ -133,6 +133,12 @@ impl Stamp {
             return None;
         }
         Some(Stamp { date: self.date, ..*clock })
+    }
+
+    /// The date of this cell with a time of day (ns since midnight).
+    pub fn at_clock(&self, clock: i64) -> Option<Stamp> {
+        let is_date = self.date.is_some() && self.clock.is_none_or(|own| own == 0);
+        (is_date && (0..=DAY).contains(&clock)).then_some(Stamp { clock: Some(clock), ..*self })
     }
 }
 

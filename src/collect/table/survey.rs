@@ -424,7 +424,10 @@ impl Counting {
         };
         Err(TableError::refused(match &channel.first_bad {
             Some((line, cell)) => {
-                format!("{row_name} {line}, {at}: no number in the whole column, it begins with {cell:?}")
+                let why = channel.why_no_number();
+                format!(
+                    "{row_name} {line}, {at}: no number in the whole column, it begins with {cell:?}{why}"
+                )
             }
             None => format!("{row_name} {header}, {at}: nothing in the whole column"),
         }))
@@ -467,7 +470,12 @@ impl Counting {
             match Says::decide(words, of_column(words, name), name) {
                 Ok(says) => out.extend(says.map(|says| (*at, *of, says))),
                 Err(_) if has_detail(*of) => {}
-                Err(error) => return Err(error),
+                Err(error) => {
+                    // A column of a long table is no tag, so that it can be no mode.
+                    let is_wide = matches!(layout.body, Body::Wide(_));
+                    let of_mode = by_words::under_quality(words, name).filter(|_| is_wide);
+                    return Err(of_mode.unwrap_or(error));
+                }
             }
         }
         Ok(out)

@@ -5,12 +5,11 @@ use super::error::{TableError, listed};
 use super::found::Found;
 use super::joined::Joined;
 use super::layout::Body;
-use super::number;
 use super::odd_rows::passed_over;
 use super::options::Options;
 use super::owner::Owner;
 use super::roles::ROLES;
-use super::says::behind_number;
+use super::says::{behind_number, measured};
 use super::source::{Cell, Rows, Source};
 use super::survey::Plan;
 use super::time_columns;
@@ -306,7 +305,7 @@ fn sample(rows: &dyn Rows, plan: &Plan, at: usize, cell: &Cell<'_>, t: f64, coun
             on
         }
         (None, Cell::Number(value)) => Some(*value).filter(|value| value.is_finite()),
-        (None, Cell::Text(text)) => number::scan(text).and_then(|number| {
+        (None, Cell::Text(text)) => measured(text).and_then(|number| {
             let (unit, said) = behind_number(number.unit, plan.letters);
             behind = said;
             if unit == plan.units[at] { number.value(plan.decimal) } else { None }

@@ -131,6 +131,7 @@ fn stamps_are_read_by_the_whole_column() {
         ("134247672000000000", "134247672020000000"),
         ("46174.25", "46174.2500231481"),
         ("20260601060000", "20260601060002"),
+        ("20260601060000.000", "20260601060002.000"),
     ] {
         let text = format!("time;op;pv\n{a};1.5;2\n{b};1.6;2\n");
         assert_eq!(times(&text, &none), Ok(vec![begin, begin + 2.0]), "{a}");
@@ -218,15 +219,8 @@ fn modes_are_decoded() {
 fn bad_cells_are_bad_samples_and_blank_ones_are_none() {
     let record = record("t,op,pv\n0,1,2\n1,x,3\n2,,4\n3,NaN,5\n4,inf,6\n5,1e999,7\n6,1e308,8\n5,1\n");
     let bad = Quality::Bad(BadReason::NotANumber);
-    let expected = [
-        (0.0, Some(1.0)),
-        (1.0, None),
-        (3.0, None),
-        (4.0, None),
-        (5.0, None),
-        (6.0, Some(1e308)),
-        (5.0, Some(1.0)),
-    ];
+    let expected =
+        [(0.0, Some(1.0)), (1.0, None), (4.0, None), (5.0, None), (6.0, Some(1e308)), (5.0, Some(1.0))];
     assert_eq!(record.op.len(), expected.len());
     for (sample, (t, value)) in record.op.iter().zip(expected) {
         assert_eq!(sample.t, t);
@@ -236,6 +230,46 @@ fn bad_cells_are_bad_samples_and_blank_ones_are_none() {
         }
     }
     assert_eq!(record.pv.len(), 7, "times going backwards are kept as they come");
+}
+
+#[test]
+fn words_for_nothing_are_blank_cells() {
+    let of = |nothing: &str, auto_values: Option<&str>| {
+        let text = format!(
+            "t,op,pv,sp,mode,pv_status\n0,1,2,{nothing},AUTO,Good\n1,{nothing},3,{nothing},{nothing},Good\n\
+             2,2,{nothing},{nothing},{nothing},{nothing}\n3,3,4,{nothing},MAN,Bad\n4,1,2,{nothing},{nothing},Good\n"
+        );
+        let options = Options { auto_values: auto_values.map(str::to_string), ..Options::default() };
+        with(text, &options).unwrap_or_else(|said| panic!("{nothing}: {said}"))
+    };
+    for auto_values in [None, Some("AUTO")] {
+        let blank = of("", auto_values);
+        for nothing in ["NULL", "\\N", "NaN", "#N/A", "\"NULL\""] {
+            let table = of(nothing, auto_values);
+            assert_eq!(table.record, blank.record, "{nothing}");
+            assert_eq!(table.found.read_as, blank.found.read_as, "{nothing}");
+        }
+        let Record { op, pv, sp, mode, .. } = &blank.record;
+        assert_eq!(points(op), [(0.0, 1.0), (2.0, 2.0), (3.0, 3.0), (4.0, 1.0)]);
+        assert_eq!(points(pv), [(0.0, 2.0), (1.0, 3.0), (3.0, 4.0), (4.0, 2.0)]);
+        assert_eq!(mode.as_ref().map(points), Some(vec![(0.0, 1.0), (3.0, 0.0)]));
+        assert!(sp.is_none(), "{}", blank.found.read_as);
+    }
+    // Another word is a bad sample, and a row without a time is none and no comment.
+    assert_eq!(record("t,op,pv\n0,1,2\n1,none,3\n2,2,3\n").op.len(), 3);
+    let said = refusal("t,op,pv\n0,1,2\n#N/A,1,2\n2,1,2\n");
+    assert!(said.starts_with("line 3, column 1 (t): the cell is empty"), "{said}");
+}
+
+#[test]
+fn a_mode_of_nothing_in_rows_of_tags_is_unknown_and_not_manual() {
+    let row = |t: u32, mode: &str| format!("{t},op,1.{t}\n{t},pv,2\n{t},mode,{mode}\n");
+    let text = format!("time,tag,value\n{}{}{}", row(0, "AUTO"), row(1, "NULL"), row(2, "MAN"));
+    let options = Options { auto_values: Some("AUTO".into()), ..Options::default() };
+    let mode = with(text, &options).expect("a record").record.mode.expect("there is one");
+    let good: Vec<(f64, f64)> =
+        mode.iter().filter(|own| own.quality.is_good()).map(|own| (own.t, own.value)).collect();
+    assert_eq!(good, [(0.0, 1.0), (2.0, 0.0)]);
 }
 
 #[test]
@@ -281,7 +315,7 @@ fn refusals_say_where_and_what_to_do() {
         ),
         ("t,op,pv\r\n0,1,2\r\n\r\nsoon,1,2\r\n", "line 4, column 1 (t): \"soon\" is no time"),
         ("op,pv,t\n0,1,2\n1,2,\n", "line 3, column 3 (t): the cell is empty, and each row needs a time"),
-        ("t,op,pv\nNaN,1,2\n", "line 2, column 1 (t): \"NaN\" is no time"),
+        ("t,op,pv\nNaN,1,2\n", "line 2, column 1 (t): the cell is empty, and each row needs a time"),
         ("t,op,pv\n2024-02-30,1,2\n", "line 2, column 1 (t): \"2024-02-30\" is no time"),
         (
             "t,op,pv\n0,1,2\n1,0,5,2,5\n",

@@ -5,7 +5,9 @@ mod reading;
 mod tally;
 mod turns;
 mod units;
+mod what;
 
 pub use decide::Column;
 pub use reading::Reading;
-pub use tally::{Groups, Times, What, WhatKind};
+pub use tally::{Groups, Times};
+pub use what::{What, WhatKind};

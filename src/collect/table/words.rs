@@ -2,7 +2,7 @@
 
 use super::error::{TableError, shown};
 use super::number;
-use super::source::Cell;
+use super::source::{Cell, NOTHING};
 
 /// Different words of a column that are remembered.
 const MOST: usize = 64;
@@ -47,16 +47,22 @@ pub(super) fn two_state(word: &str) -> Option<bool> {
 /// A blank cell, in an option.
 const BLANK: &str = "blank";
 
+/// Whether a word of an option means a blank cell: it says so, or is a word for nothing, which a cell has for it.
+fn is_blank(own: &str) -> bool {
+    own == BLANK || NOTHING.iter().any(|word| word.eq_ignore_ascii_case(own))
+}
+
 /// Whether an option lists blank cells.
 pub(super) fn means_blank(told: &[String]) -> bool {
-    told.iter().any(|own| own == BLANK)
+    told.iter().any(|own| is_blank(own))
 }
 
 /// What an option lists, as [`word`] has it: `1.0` is `1`, and `blank` is nothing.
 pub(super) fn as_words(told: &[String]) -> Vec<String> {
-    let word = |one: &String| match one.as_str() {
-        BLANK => String::new(),
-        one => one.parse::<f64>().map_or_else(|_| one.to_string(), |value| value.to_string()),
+    let word = |one: &String| match one.parse::<f64>() {
+        _ if is_blank(one) => String::new(),
+        Ok(value) => value.to_string(),
+        Err(_) => one.clone(),
     };
     told.iter().map(word).collect()
 }
@@ -365,6 +371,8 @@ impl Modes {
     pub fn value(&self, cell: &Cell<'_>) -> Option<f64> {
         let word = word(cell);
         match &self.automatic {
+            // Where nothing stands the mode is unknown, and not manual.
+            Some(own) if word.is_empty() && !own.contains(&word) => None,
             Some(own) => Some(f64::from(u8::from(own.contains(&word)))),
             None => usual(&word).map(|on| f64::from(u8::from(on))),
         }
@@ -462,5 +470,7 @@ mod tests {
         let told = Modes::decide(&of(&["16", "8"]), Some(&["16.0".into(), "32".into()]), MOVES, "mode")
             .expect("told");
         assert_eq!((told.value(&Cell::Number(16.0)), told.value(&Cell::Text("8"))), (Some(1.0), Some(0.0)));
+        assert_eq!(told.value(&Cell::Blank), None, "nobody knows");
+        assert_eq!(as_words(&["null", "\\n", "blank", "1.0"].map(String::from)), ["", "", "", "1"]);
     }
 }

@@ -1,17 +1,26 @@
 //! Sheets of workbooks: Excel (.xlsx, .xlsb, .xls) and OpenDocument (.ods), through calamine.
 
+mod content;
+mod filling;
+mod guard;
+mod ole;
+mod tags;
+
 use super::error::{TableError, listed};
 use super::layout::{first_rows, look};
 use super::options::Options;
-use super::source::{Cell, Rows, Source};
+use super::source::{Cell, Rows, Source, is_nothing};
 use super::stamp::DAY;
 use calamine::{Data, DataRef, ExcelDateTime, Reader, Sheets, open_workbook_auto_from_rs};
+use filling::{Filling, Room};
 use std::io::{Cursor, Read};
 use std::panic::catch_unwind;
 use std::sync::Arc;
 
-/// Most cells of a sheet: Excel's most rows with a dozen columns.
+/// Most cells of a workbook: Excel's most rows with a dozen columns.
 const MAX_CELLS: usize = 1 << 24;
+/// Most bytes of text in them.
+const MAX_TEXT: usize = 1 << 28;
 /// Largest workbook that is read (bytes); it is unpacked in memory.
 const MAX_BYTES: u64 = 1 << 28;
 /// Columns of a sheet that are read.
@@ -61,6 +70,7 @@ pub fn read(source: Source<'_>, wanted: Option<&str>, of_record: bool) -> Result
 fn read_bytes(bytes: Vec<u8>, wanted: Option<&str>, of_record: bool) -> Result<Sheet, TableError> {
     let bytes: Arc<[u8]> = bytes.into();
     archive(bytes.clone())?;
+    guard::look(&bytes)?;
     let since_1904 = is_since_1904(bytes.clone());
     let book: Book = open_workbook_auto_from_rs(Cursor::new(bytes))
         .map_err(|error| TableError::refused(format!("a workbook that cannot be read: {error}")))?;
@@ -93,16 +103,17 @@ fn is_since_1904(bytes: Arc<[u8]>) -> bool {
 
 fn choose(mut book: Book, wanted: Option<&str>, of_record: bool) -> Result<Sheet, TableError> {
     let names = book.sheet_names();
+    let mut room = Room::default();
     if let Some(wanted) = wanted {
         let name = names.iter().find(|name| name.eq_ignore_ascii_case(wanted)).ok_or_else(|| {
             let names = listed(names.iter().map(String::as_str));
             TableError::refused(format!("no sheet {wanted:?} (--sheet); the workbook has {names}"))
         })?;
-        return sheet(&mut book, name, names.len() > 1);
+        return sheet(&mut book, name, names.len() > 1, &mut room);
     }
     let mut filled = Vec::new();
     for name in &names {
-        let sheet = sheet(&mut book, name, names.len() > 1)?;
+        let sheet = sheet(&mut book, name, names.len() > 1, &mut room)?;
         // A title or a chart's sheet is no table.
         if sheet.rows.iter().filter(|(_, row)| row.len() > 1).count() > 1 {
             filled.push(sheet);
@@ -128,9 +139,9 @@ fn choose(mut book: Book, wanted: Option<&str>, of_record: bool) -> Result<Sheet
     }
 }
 
-fn sheet(book: &mut Book, name: &str, one_of_many: bool) -> Result<Sheet, TableError> {
+fn sheet(book: &mut Book, name: &str, one_of_many: bool, room: &mut Room) -> Result<Sheet, TableError> {
     let failed = |error: &dyn std::fmt::Display| TableError::refused(format!("sheet {name:?}: {error}"));
-    let mut filling = Filling { rows: Vec::new(), cells: 0, name };
+    let mut filling = Filling::new(name, room);
     match book {
         // Cell by cell: the size that a sheet says of itself is not to be believed.
         Sheets::Xlsx(book) => {
@@ -139,6 +150,13 @@ fn sheet(book: &mut Book, name: &str, one_of_many: bool) -> Result<Sheet, TableE
                 Err(calamine::XlsxError::NotAWorksheet(_)) => return Ok(filling.end(one_of_many)),
                 Err(error) => return Err(failed(&error)),
             };
+            while let Some(cell) = cells.next_cell().map_err(|error| failed(&error))? {
+                filling.put(cell.get_position(), held_ref(cell.get_value()))?;
+            }
+        }
+        // The same: the library would make a cell of every place between the first and the last.
+        Sheets::Xlsb(book) => {
+            let mut cells = book.worksheet_cells_reader(name).map_err(|error| failed(&error))?;
             while let Some(cell) = cells.next_cell().map_err(|error| failed(&error))? {
                 filling.put(cell.get_position(), held_ref(cell.get_value()))?;
             }
@@ -154,41 +172,6 @@ fn sheet(book: &mut Book, name: &str, one_of_many: bool) -> Result<Sheet, TableE
     Ok(filling.end(one_of_many))
 }
 
-struct Filling<'n> {
-    rows: Vec<(u64, Vec<Held>)>,
-    cells: usize,
-    name: &'n str,
-}
-
-impl Filling<'_> {
-    fn put(&mut self, (row, column): (u32, u32), held: Held) -> Result<(), TableError> {
-        if matches!(held, Held::Blank) || column >= MAX_COLUMNS {
-            return Ok(());
-        }
-        let line = u64::from(row) + 1;
-        if self.rows.last().is_none_or(|(last, _)| *last != line) {
-            self.rows.push((line, Vec::new()));
-        }
-        if let Some((_, cells)) = self.rows.last_mut() {
-            let (at, before) = (column as usize, cells.len());
-            cells.resize(before.max(at + 1), Held::Blank);
-            self.cells += cells.len() - before;
-            cells[at] = held;
-        }
-        if self.cells > MAX_CELLS {
-            let name = self.name;
-            return Err(TableError::refused(format!(
-                "sheet {name:?}: more than {MAX_CELLS} cells; save the columns that are needed as CSV"
-            )));
-        }
-        Ok(())
-    }
-
-    fn end(self, one_of_many: bool) -> Sheet {
-        Sheet { name: self.name.to_string(), one_of_many, since_1904: false, rows: self.rows }
-    }
-}
-
 fn held(value: &Data) -> Held {
     match value {
         Data::Int(value) => Held::Number(*value as f64),
@@ -197,7 +180,8 @@ fn held(value: &Data) -> Held {
         // No measurement is one; flags and modes are read as words.
         Data::Bool(on) => Held::Text(on.to_string().into()),
         Data::DateTime(stamp) => moment(stamp),
-        Data::DateTimeIso(text) | Data::DurationIso(text) => text_of(text),
+        Data::DateTimeIso(text) => text_of(text),
+        Data::DurationIso(text) => duration(text).map_or_else(|| text_of(text), Held::Clock),
         Data::Error(error) => text_of(&error.to_string()),
         _ => Held::Blank,
     }
@@ -211,17 +195,39 @@ fn held_ref(value: &DataRef<'_>) -> Held {
 }
 
 fn text_of(text: &str) -> Held {
-    if super::number::bare(text).is_empty() { Held::Blank } else { Held::Text(text.into()) }
+    if is_nothing(text) { Held::Blank } else { Held::Text(text.into()) }
 }
 
-/// A stamp as spreadsheets count, to the millisecond, which is as far as a number of days is exact.
-fn moment(stamp: &ExcelDateTime) -> Held {
+/// Milliseconds, which is as far as a number of days is exact, as nanoseconds.
+fn of_day(ms: f64) -> i64 {
     const MS: i64 = 1_000_000;
+    (ms.round() as i64).saturating_mul(MS)
+}
+
+/// A time of day as OpenDocument keeps it, or a time since something began: `PT06H00M02.03S` (ns). One of months or below zero is none.
+fn duration(text: &str) -> Option<i64> {
+    let (days, clock) = text.trim().strip_prefix('P')?.split_once('T')?;
+    let number = |digits: &str| {
+        let is_plain = digits.bytes().all(|byte| byte.is_ascii_digit() || byte == b'.');
+        digits.parse::<f64>().ok().filter(|_| is_plain)
+    };
+    let mut ms = if days.is_empty() { 0.0 } else { number(days.strip_suffix('D')?)? * 86_400e3 };
+    let mut rest = clock;
+    for (letter, part) in [('H', 3_600e3), ('M', 60e3), ('S', 1e3)] {
+        if let Some((digits, behind)) = rest.split_once(letter) {
+            ms += number(digits)? * part;
+            rest = behind;
+        }
+    }
+    (!clock.is_empty() && rest.is_empty()).then(|| of_day(ms))
+}
+
+/// A stamp as spreadsheets count, to the millisecond.
+fn moment(stamp: &ExcelDateTime) -> Held {
     let days = stamp.as_f64();
     if !days.is_finite() || days < 0.0 {
         return Held::Text("a date before 1900".into());
     }
-    let of_day = |ms: f64| (ms.round() as i64).saturating_mul(MS);
     if days < 1.0 || stamp.is_duration() {
         return Held::Clock(of_day(days * 86_400e3));
     }
@@ -283,5 +289,33 @@ impl Rows for SheetRows<'_> {
 
     fn row_name(&self) -> &'static str {
         "row"
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_duration_of_open_document_is_a_time_of_day_or_longer() {
+        for (text, ms) in [
+            ("PT06H00M02S", Some(21_602_000)),
+            ("PT06H00M02.030000000S", Some(21_602_030)),
+            ("PT06H00M02.0299999999S", Some(21_602_030)),
+            ("PT00H00M00S", Some(0)),
+            ("PT25H00M02S", Some(90_002_000)),
+            ("P1DT01H00M02S", Some(90_002_000)),
+            ("PT2.5S", Some(2_500)),
+            ("PT", None),
+            ("P1M", None),
+            ("P1MT1H", None),
+            ("-PT06H00M02S", None),
+            ("PT6S3H", None),
+            ("PTinfS", None),
+            ("06:00:02", None),
+            ("", None),
+        ] {
+            assert_eq!(duration(text), ms.map(|ms: i64| ms * 1_000_000), "{text:?}");
+        }
     }
 }

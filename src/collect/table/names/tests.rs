@@ -47,11 +47,24 @@ fn names_of_vendors_say_what_they_are() {
         ("FIC101.ScaledInput", "pv", "fic101"),
         ("OP_1", "op", "1"),
         ("PV 2 [%]", "pv", "2"),
+        ("OP_B", "op", "b"),
+        ("OP_A", "op", "a"),
+        ("PV_C", "pv", "c"),
+        ("PV_C [%]", "pv", "c"),
+        ("PV, C", "pv", ""),
+        ("t_s", "t", ""),
+        ("Time h", "t", ""),
+        ("Setpoint C", "sp", "c"),
+        ("Mode_A", "mode", "a"),
+        ("FIC101.OP_B", "op", "fic101 b"),
+        ("FIC101_PV_C", "pv", "fic101 c"),
+        ("FIC101 Out B", "op", "fic101 b"),
         ("OP [4-20 mA]", "op", ""),
         ("Flow (PV)", "pv", ""),
         ("Set point (SP)", "sp", ""),
         ("FIC101 (PV)", "pv", "fic101"),
         ("FIC101.OP - Valve of the feed", "op", "fic101"),
+        ("FIC101.OP - Valve B", "op", "fic101"),
         ("FIC101OP", "op", "fic101"),
         ("PLC1/FIC101APV", "pv", "plc1 fic101a"),
         ("FIC101_OUTP", "op", "fic101"),
@@ -66,6 +79,8 @@ fn names_of_vendors_say_what_they_are() {
         "flow_out",
         "T5",
         "T_C",
+        "PV_Q",
+        "flow_c",
         "T [degC]",
         "P1_kPa",
         "remark",
@@ -93,8 +108,28 @@ fn names_of_vendors_say_what_they_are() {
         ("T [2-1]", "2-1"),
         ("Time (100 ms)", "100 ms"),
         ("t/min", "min"),
+        ("t_s", "s"),
+        ("Time h", "h"),
+        ("OP_time_s", "s"),
+        ("PV, C", "C"),
     ] {
         assert_eq!(Name::new(name).unit.as_deref(), Some(unit), "{name}");
+    }
+}
+
+#[test]
+fn a_letter_behind_a_name_is_no_unit_but_of_times_or_behind_a_comma() {
+    for name in ["OP_A", "OP V", "PV_C", "PV m", "SP K", "FIC101.PV C", "TI5_C", "Level m"] {
+        assert_eq!(Name::new(name).unit, None, "{name}");
+    }
+    for (name, before, letter) in
+        [("OP_B", "OP", "B"), ("FIC101.OP  B", "FIC101.OP", "B"), ("PV_c [%]", "PV", "c")]
+    {
+        let (own, behind) = Name::new(name).lettered().unwrap_or_else(|| panic!("{name} has a letter"));
+        assert_eq!((own.full.as_str(), behind.as_str()), (before, letter), "{name}");
+    }
+    for name in ["OP", "PV_Q", "A M", "t_s", "TI5_C", "FIC101.OP - Valve B", "PV, C", "OP_1", ""] {
+        assert_eq!(Name::new(name).lettered(), None, "{name}");
     }
 }
 
@@ -111,6 +146,8 @@ fn a_loop_is_called_as_it_is_written() {
         ("[FIC101.PV]", Some("FIC101")),
         ("OP [FIC101]", Some("FIC101")),
         ("OP_1", Some("1")),
+        ("OP_B", Some("B")),
+        ("FIC-101.OP_B", Some("FIC-101 B")),
         ("OP", None),
         ("flow", None),
     ] {
@@ -131,6 +168,7 @@ fn a_quality_names_the_value_it_belongs_to() {
     assert!(Name::new("FIC101.PV").owns_quality("pv"));
     assert!(Name::new("FIC101/PID1/PV.CV").owns_quality("fic101 pid1 pv"));
     assert!(!Name::new("FIC101.OP").owns_quality("pv"));
+    assert!(Name::new("FIC101.PV C").owns_quality("fic101 pv"));
 }
 
 #[test]

@@ -72,3 +72,43 @@ fn a_word_behind_a_number_is_its_quality_and_a_letter_may_be_a_unit() {
     assert!(of(&["G", "G", "G", "F", "P"]).are_letters_of_quality());
     assert!(!of(&["G", "G", "G", "E"]).are_letters_of_quality());
 }
+
+#[test]
+fn a_word_in_brackets_behind_a_number_is_its_quality_where_it_is_known() {
+    let bad = Quality::Bad(BadReason::DeviceException);
+    for (unit, expected) in [
+        ("(Good)", ("", Some(Quality::Good))),
+        ("[Bad]", ("", Some(bad))),
+        ("% (Uncertain)", ("%", Some(Quality::Stale))),
+        ("(x)", ("(x)", None)),
+        ("bar (abs)", ("bar (abs)", None)),
+        ("(not good)", ("(not good)", None)),
+        ("Good [192]", ("", Some(Quality::Good))),
+    ] {
+        assert_eq!(behind_number(unit, false), expected, "{unit}");
+    }
+    let unit = |cell| measured(cell).map(|number| number.unit);
+    assert_eq!(
+        [unit("51.8 (Good)"), unit("51.8[Bad]"), unit("51.8 %")],
+        [Some("(Good)"), Some("[Bad]"), Some("%")]
+    );
+    for cell in
+        ["51.8 (x)", "51.8 (not good)", "51.8*", "(Good)", "Good", "1 (Good) 2", "51.8 bar (Questionable)"]
+    {
+        assert!(measured(cell).is_none(), "{cell}");
+    }
+}
+
+#[test]
+fn few_whole_numbers_of_which_one_is_usual_are_states() {
+    for cells in
+        [&["0", "0", "1"][..], &["0", "1"], &["0", "0", "0", "1", "32768"], &["5"], &["No", "No", "Yes"]]
+    {
+        assert!(of(cells).are_states(), "{cells:?}");
+    }
+    let many: Vec<String> = (0..9).map(|number| number.to_string()).collect();
+    let many: Vec<&str> = many.iter().map(String::as_str).chain(["0"; 20]).collect();
+    for cells in [&["0", "1", "2"][..], &["51.8", "51.8", "51.7"], &["Good", "Bad"], &many, &[]] {
+        assert!(!of(cells).are_states(), "{cells:?}");
+    }
+}

@@ -370,7 +370,12 @@ fn pointed<'p, 'a>(pieces: &'p [Piece<'a>]) -> Option<(Date, &'p [Piece<'a>])> {
     use Piece::{Number, Sign};
     let [Number(a, of_a), Sign('.'), rest @ ..] = pieces else { return None };
     let [Number(b, 1..=2), Sign('.'), rest @ ..] = without_blank(rest) else { return None };
+    let is_apart = matches!(rest, [Sign(' '), ..]);
     let [Number(c, of_c), rest @ ..] = without_blank(rest) else { return None };
+    // `15.06. 06:00:00` has no year: what follows the blank is an hour.
+    if is_apart && matches!(rest, [Sign(':'), ..]) {
+        return None;
+    }
     let date = match (*of_a, *of_c) {
         (4, 1..=2) => Date::Known(*a, *b as u32, *c as u32),
         (1..=2, 4) => Date::Known(*c, *b as u32, *a as u32),

@@ -135,6 +135,7 @@ fn what_is_no_stamp_is_none() {
         "2026-06-01 V",
         "06h75m02s",
         "1. 6. 2026 at",
+        "15.06. 06:00:00",
     ] {
         assert_eq!(scan(cell), None, "{cell}");
     }

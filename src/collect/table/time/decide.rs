@@ -279,15 +279,19 @@ impl Times {
             (None, Some(stated)) => return Ok(stated),
             (None, None) => {}
         }
-        // With points and two digits of the year it is the order of most of Europe.
+        // Between points the month stands in the middle: the day is first in most of Europe, and the year in East Asia and Hungary.
         if self.dotted && left.contains(&Order::Dmy) {
-            return Ok(Order::Dmy);
+            left.retain(|order| *order != Order::Mdy);
         }
         left.dedup_by(|a, b| same(a, b));
+        if let [only] = left.as_slice() {
+            return Ok(*only);
+        }
         let (line, cell) = self.example.clone().unwrap_or_default();
         let Column { row_name, number, name, .. } = column;
+        let written: fn(Order) -> &'static str = if self.dotted { dotted } else { letters };
         let ways: Vec<String> =
-            left.iter().map(|order| format!("{} ({})", letters(*order), self.begin(*order))).collect();
+            left.iter().map(|order| format!("{} ({})", written(*order), self.begin(*order))).collect();
         let or: Vec<&str> = left.iter().map(|order| short(*order)).collect();
         Err(TableError::refused(format!(
             "{row_name} {line}, column {number} ({name}): {cell:?} may be {}; say --time-format {}",
@@ -311,6 +315,9 @@ impl Times {
         let cell = self.example.as_ref().map_or("", |(_, cell)| cell.as_str());
         if self.open {
             return format!("time {}", letters(order));
+        }
+        if self.dotted {
+            return format!("time {}", dotted(order));
         }
         let cell = cell.split_once([' ', 'T']).map_or(cell, |(date, _)| date);
         let kind = if cell.len() >= 4 && cell.as_bytes()[..4].iter().all(u8::is_ascii_digit) {
@@ -370,6 +377,15 @@ fn letters(order: Order) -> &'static str {
         Order::Dmy => "dd/mm/yyyy",
         Order::Mdy => "mm/dd/yyyy",
         Order::Ymd => "yy/mm/dd",
+    }
+}
+
+/// The same of dates with points and two digits of the year.
+fn dotted(order: Order) -> &'static str {
+    match order {
+        Order::Dmy => "dd.mm.yy",
+        Order::Mdy => "mm.dd.yy",
+        Order::Ymd => "yy.mm.dd",
     }
 }
 

@@ -4,7 +4,8 @@ use super::super::number::Decimal;
 use super::super::options::{Unit, Zone};
 use super::super::source::Cell;
 use super::super::stamp::{DAY, HOUR, Order, SECOND};
-use super::tally::{SINCE_1904, What};
+use super::tally::SINCE_1904;
+use super::what::What;
 use jiff::tz::{AmbiguousOffset, TimeZone};
 
 /// How the column is read.

@@ -2,10 +2,11 @@
 
 use super::super::error::shown;
 use super::super::evidence::Evidence;
-use super::super::number::{self, Decimal};
-use super::super::options::{Format, Told, Unit};
+use super::super::number::Decimal;
+use super::super::options::{Format, Told};
 use super::super::source::Cell;
-use super::super::stamp::{self, DAY, Order, Stamp};
+use super::super::stamp::{self, Order};
+use super::what::What;
 
 /// Steps between stamps that are kept to find the usual one.
 const STEPS: usize = 4096;
@@ -230,7 +231,7 @@ pub struct Times {
     pub dates: [Track; 3],
     /// Whether a date was three bare numbers.
     pub open: bool,
-    /// Whether a date is written with points and two digits of the year.
+    /// Whether a date is written with points and two digits of the year, so that it may begin with the day or with the year.
     pub dotted: bool,
     /// The first stamp with an offset, and the first without: its line and what stands there.
     pub offsets: [Option<(u64, String)>; 2],
@@ -370,60 +371,6 @@ fn both(first: &Cell<'_>, second: Option<&Cell<'_>>) -> String {
     }
 }
 
-/// What a cell of the column, or the two of date and time of day, can be.
-pub enum What<'a> {
-    Number(f64),
-    Digits(number::Number<'a>),
-    Dated(Stamp),
-    Clock(i64),
-    Moment { ns: i64, civil: bool },
-    Nothing,
-}
-
-impl<'a> What<'a> {
-    pub fn of(first: &Cell<'a>, second: Option<&Cell<'a>>) -> Self {
-        match (first, second) {
-            (Cell::Number(value), None) if value.is_finite() => What::Number(*value),
-            (Cell::Moment { ns, civil }, None) => What::Moment { ns: *ns, civil: *civil },
-            (Cell::Clock(ns), None) => What::Clock(*ns),
-            (Cell::Text(text), None) => text_alone(text),
-            (Cell::Moment { ns, civil }, Some(second)) => match time_of_day(second) {
-                Some(clock) if ns % DAY == 0 => What::Moment { ns: ns.saturating_add(clock), civil: *civil },
-                _ => What::Nothing,
-            },
-            (Cell::Text(date), Some(Cell::Text(clock))) => {
-                let stamp = stamp::scan(date).and_then(|date| date.at(&stamp::scan(clock)?));
-                stamp.map_or(What::Nothing, What::Dated)
-            }
-            _ => What::Nothing,
-        }
-    }
-}
-
-fn time_of_day(cell: &Cell<'_>) -> Option<i64> {
-    match cell {
-        Cell::Clock(ns) => Some(*ns),
-        Cell::Text(text) => stamp::scan(text)?.time_of_day().filter(|clock| *clock <= DAY),
-        Cell::Number(days) if (0.0..1.0).contains(days) => Some((days * 86_400e3).round() as i64 * 1_000_000),
-        _ => None,
-    }
-}
-
-fn text_alone(text: &str) -> What<'_> {
-    let compact = number::bare(text).len() == 14;
-    // `2.03 sec`: seconds are what a number without a unit counts, too.
-    let of_time = |unit: &str| unit.is_empty() || Unit::of(unit) == Some(Unit::Seconds);
-    match number::scan(text).filter(|number| of_time(number.unit)) {
-        Some(number) if !compact => What::Digits(number),
-        found => match (stamp::scan(text), found) {
-            (Some(stamp), _) if stamp.has_date() => What::Dated(stamp),
-            (Some(stamp), _) => stamp.time_of_day().map_or(What::Nothing, What::Clock),
-            (None, Some(number)) => What::Digits(number),
-            (None, None) => What::Nothing,
-        },
-    }
-}
-
 /// Rows that follow each other under the same stamp.
 #[derive(Default)]
 pub struct Groups {
@@ -488,32 +435,5 @@ impl Groups {
         let even = inner.iter().filter(|size| size.abs_diff(usual) <= (usual / 5).max(1)).count();
         let many = usual >= 2 && inner.len() >= 2 && self.moved * 10 >= self.repeated;
         (many && even * 10 >= inner.len() * 9).then_some(usual)
-    }
-}
-
-/// [`What`] a cell can be, without the reading itself.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum WhatKind {
-    /// Nothing stands there.
-    Blank,
-    /// A number.
-    Number,
-    /// A date, or a moment as such.
-    Dated,
-    /// A time of day.
-    Clock,
-    /// Other text.
-    Nothing,
-}
-
-impl What<'_> {
-    /// Its kind.
-    pub fn kind(&self) -> WhatKind {
-        match self {
-            What::Number(_) | What::Digits(_) => WhatKind::Number,
-            What::Dated(_) | What::Moment { .. } => WhatKind::Dated,
-            What::Clock(_) => WhatKind::Clock,
-            What::Nothing => WhatKind::Nothing,
-        }
     }
 }

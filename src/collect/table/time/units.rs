@@ -11,6 +11,8 @@ const STEP_OF_DAYS: f64 = 1e-3;
 const STEP_OF_SECONDS: f64 = 0.05;
 /// Seconds between samples from which milliseconds may be meant instead.
 const LONG_STEP: f64 = 500.0;
+/// Seconds between samples from which milliseconds may be meant where it is no number of minutes but one of 50 ms.
+const ROUND_STEP: f64 = 100.0;
 /// Minutes since 1970 from 2010 to 2045; as seconds they are the clock of a device that has run for most of a year.
 const MINUTES_SINCE_1970: std::ops::Range<f64> = 21_000_000.0..39_500_000.0;
 /// Steps below which they may be minutes.
@@ -104,7 +106,9 @@ impl Times {
             None if !parts.is_empty() => {
                 doubt(format!("steps of {odd:.4} may be seconds, or {}", parts.join(", or ")))
             }
-            None if step >= LONG_STEP => doubt(format!("steps of {step} may be seconds or milliseconds")),
+            None if step >= LONG_STEP || is_round_in_millis(step) => {
+                doubt(format!("steps of {step} may be seconds or milliseconds"))
+            }
             None => Ok(Unit::Seconds),
         }
     }
@@ -112,6 +116,11 @@ impl Times {
     fn first_line(&self) -> u64 {
         self.example.as_ref().map_or(1, |(line, _)| *line)
     }
+}
+
+/// Whether a step is round in milliseconds and in no unit from seconds on, such as 100 or 250.
+fn is_round_in_millis(step: f64) -> bool {
+    step >= ROUND_STEP && step % 50.0 == 0.0 && step % 60.0 != 0.0
 }
 
 /// The usual step, or the mean of all, where it is no round number and would be a usual step in other units, with what it would be in
@@ -176,5 +185,20 @@ pub(super) fn unit_said(unit: Unit, numbers: &Numbers, zone: &str) -> String {
             format!("time in {} since 1970", of(unit))
         }
         _ => format!("time in {}", of(unit)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_round_in_millis;
+
+    #[test]
+    fn a_step_that_only_milliseconds_make_round_is_doubted() {
+        assert!([100.0, 200.0, 250.0, 450.0].into_iter().all(is_round_in_millis));
+        assert!(
+            [0.1, 2.0, 30.0, 50.0, 60.0, 90.0, 120.0, 300.0]
+                .into_iter()
+                .all(|step| !is_round_in_millis(step))
+        );
     }
 }
