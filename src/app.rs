@@ -12,6 +12,7 @@ mod device;
 mod error;
 mod facts;
 mod fleet;
+mod namespaces;
 mod notifications;
 mod persistence;
 mod plantwide;
@@ -21,6 +22,7 @@ pub mod replay;
 mod restart;
 mod rings;
 mod security;
+mod span;
 mod surroundings;
 mod writeback;
 
@@ -38,6 +40,7 @@ use backfill::BackfillJobs;
 use device::Device;
 use fleet::Fleet;
 use futures::future::{BoxFuture, OptionFuture};
+use namespaces::Namespaces;
 use notifications::Notifications;
 use persistence::Persistence;
 use plantwide::Plantwide;
@@ -54,6 +57,7 @@ use writeback::WritebackControl;
 pub use error::AppError;
 pub use fleet::Role;
 pub use process::{daemon, listen};
+pub use span::span_contradiction;
 pub use surroundings::Surroundings;
 
 /// How often a shelving is looked at that may have run out.
@@ -63,6 +67,7 @@ const ALARM_TICK: Duration = Duration::from_secs(1);
 pub struct App {
     clock: Clock,
     dial: modbus::Dial,
+    namespaces: Namespaces,
     results: Arc<Results>,
     scheduler: Arc<Scheduler>,
     plant: watch::Sender<Arc<serve::Plant>>,
@@ -142,8 +147,9 @@ impl App {
         let notifications = Arc::new(Notifications::new(&config, clock, &results, outlet));
         results.apply_design(clock.now());
         let plan = schedule_plan(&config, &history);
-        let backfill =
-            BackfillJobs::new(&config, clock, (&persistence, &results), diagnose.clone(), stop.clone());
+        let namespaces = Namespaces::new(&config);
+        let parts = (&persistence, &results, namespaces.pinned());
+        let backfill = BackfillJobs::new(&config, clock, parts, diagnose.clone(), stop.clone());
         let plantwide = Plantwide::new(&config, clock, &history, &results, &persistence);
         let own = (config.schedule.clone(), diagnose.clone());
         let scheduler = Scheduler::new(own.0, clock, own.1, results.clone(), plan);
@@ -151,8 +157,8 @@ impl App {
             Some(elsewhere) => scheduler.asking(elsewhere),
             None => scheduler,
         });
-        let devices: Vec<Device> =
-            wired.into_plans().map(|plan| Device::new(plan, clock, &dial, &history)).collect();
+        let device = |plan| Device::new(plan, clock, (&dial, namespaces.pinned()), &history);
+        let devices: Vec<Device> = wired.into_plans().map(device).collect();
         let (plant, watched) = watch::channel(Arc::new(shown(&config, &config, &history, &devices)));
         let (served, ended) = (config.server.clone(), stop.clone());
         let context = Context::new(served, clock, results.clone(), scheduler.clone(), watched, ended);
@@ -180,6 +186,7 @@ impl App {
         Ok(Self {
             clock,
             dial,
+            namespaces,
             results,
             scheduler,
             plant,
@@ -283,7 +290,7 @@ impl App {
             }
             part
         };
-        let (joined, served, (), (), (), (), (), ()) = tokio::join!(
+        let (joined, served, (), (), (), (), (), (), ()) = tokio::join!(
             joined,
             serving,
             scheduling,
@@ -291,7 +298,8 @@ impl App {
             withdrawing,
             notifications,
             security,
-            looking
+            looking,
+            self.namespaces.run(self.stop.clone())
         );
         let mut state = self.state.lock().await;
         state.collecting = false;
@@ -355,7 +363,7 @@ impl App {
             let same = before.iter().position(|device| device.carries_on(&plan, &history));
             devices.push(match same {
                 Some(at) => before.swap_remove(at),
-                None => Device::new(plan, self.clock, &self.dial, &history),
+                None => Device::new(plan, self.clock, (&self.dial, self.namespaces.pinned()), &history),
             });
         }
         // A ring has one writer: the old ones end before the new ones begin.
@@ -419,7 +427,7 @@ fn neighbours(config: &Config) -> HashMap<LoopId, Vec<Neighbour>> {
 fn schedule_plan(config: &Config, history: &Arc<History>) -> schedule::Plan {
     schedule::Plan {
         jobs: jobs(config),
-        snapshot: snapshot(config, history),
+        snapshot: span::watched(config, snapshot(config, history)),
         settings: Settings::from(&config.diagnosis),
         follows: false,
         searched: may_be_written(config),

@@ -166,3 +166,34 @@ fn a_mode_that_was_told_before_the_first_window_is_in_force_in_it() {
     let item = with_a_mode_of_before(0.0);
     assert!(manual(&item) && item["verdict"] == "not_identifiable", "{item}");
 }
+
+#[test]
+fn numbers_that_count_from_1970_or_as_spreadsheets_do_are_diagnosed_at_their_time() {
+    let folder =
+        Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("cli-backfill-epochs-{}", std::process::id()));
+    fs::create_dir_all(&folder).expect("writable");
+    let begin = 1_763_700_000u64;
+    let seconds = |k: u32| begin + u64::from(k);
+    let times: [(&str, &dyn Fn(u32) -> String); 5] = [
+        ("s", &|k| seconds(k).to_string()),
+        ("ms", &|k| format!("{}000", seconds(k))),
+        ("us", &|k| format!("{}000000", seconds(k))),
+        ("ns", &|k| format!("{}000000000", seconds(k))),
+        ("days", &|k| format!("{:.9}", seconds(k) as f64 / 86_400.0 + 25_569.0)),
+    ];
+    for (unit, time) in times {
+        let row = |k: u32| {
+            let phase = 0.2 * f64::from(k);
+            format!("{},{:.4},{:.4}\n", time(k), 50.0 + phase.sin(), 20.0 + (phase + 1.0).sin())
+        };
+        let file = folder.join(unit).with_extension("csv");
+        fs::write(&file, "time,op,pv\n".to_string() + &(0..600).map(row).collect::<String>())
+            .expect("writable");
+        // From its middle on.
+        let timeline = backfill(&file, &["--from", "2025-11-21T04:45:00Z"]);
+        let is = |found: &Value, k: u32| (found.as_f64().expect("a time") - seconds(k) as f64).abs() < 1e-3;
+        assert!(is(&timeline["begin"], 300), "{unit}: {}", timeline["begin"]);
+        assert!(is(&timeline["items"][0]["to"], 599), "{unit}: {}", timeline["items"]);
+    }
+    fs::remove_dir_all(&folder).expect("writable");
+}

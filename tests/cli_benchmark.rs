@@ -82,3 +82,16 @@ fn a_folder_that_cannot_be_used_is_refused_in_one_line() {
     }
     assert_eq!(benchmark(Path::new("no/such/folder"), &[]).status.code(), Some(2));
 }
+
+#[test]
+fn a_record_whose_op_contradicts_its_unit_is_refused() {
+    let folder = drawn("unit", "loop,file,label\nA,share.csv,stiction\n");
+    let row = |k: u32| format!("{k},{:.2},{}\n", 0.5 + 0.01 * f64::from(k % 7), 20 + k % 5);
+    let rows: String = (0..300).map(row).collect();
+    fs::write(folder.join("share.csv"), format!("t,op [%],pv\n{rows}")).expect("writable");
+    let output = benchmark(&folder, &[]);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("share.csv: OP's unit is \"%\"") && said.lines().count() == 1, "{said}");
+    assert!(said.contains("put OP's unit in the file's header right") && !said.contains("op-span"), "{said}");
+}

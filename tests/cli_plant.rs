@@ -94,3 +94,42 @@ fn a_folder_without_records_is_bad_input() {
         );
     }
 }
+
+/// Of a record whose header and values contradict each other nothing is said in per cent, here as in `diagnose`.
+#[test]
+fn a_record_whose_op_contradicts_its_unit_is_skipped_with_what_contradicts() {
+    let path = folder("plant-contradicted");
+    let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/example.csv");
+    let example = fs::read_to_string(example).expect("the example is there");
+    let scaled = |name: &str, header: &str, scale: f64, offset: f64| {
+        let mut text = format!("t,{header},pv\n");
+        for line in example.lines().skip(1) {
+            let cells: Vec<&str> = line.split(',').collect();
+            let op: f64 = cells[1].parse().expect("a number");
+            let _ = writeln!(text, "{},{:.9},{}", cells[0], offset + scale * op, cells[2]);
+        }
+        fs::write(path.join(name), text).expect("writable");
+    };
+    scaled("share.csv", "OP [%]", 0.01, 0.0);
+    scaled("milli.csv", "OP [mA]", 0.16, 4.0);
+    scaled("percent.csv", "OP [%]", 1.0, 0.0);
+    let told = |more: &[&str]| -> Vec<String> {
+        let args = [&["plant", path.to_str().expect("text"), "--format", "json", "--diagnose", "0"], more];
+        let output = stictiond(&args.concat());
+        assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+        let found: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+        let skipped = found["skipped"].as_array().expect("a list").iter();
+        skipped.map(|why| why.as_str().expect("text").to_string()).collect()
+    };
+    let skipped = told(&[]);
+    assert_eq!(skipped.len(), 1, "{skipped:?}");
+    assert!(skipped[0].starts_with("share: ") && skipped[0].contains("OP's unit is \"%\""), "{skipped:?}");
+    assert!(skipped[0].ends_with("put OP's unit in the file's header right"), "{skipped:?}");
+    // Limits in per cent are not those of a record in milliamperes.
+    let skipped = told(&["--op-limits", "0,100"]);
+    assert_eq!(skipped.len(), 1, "{skipped:?}");
+    assert!(
+        skipped[0].starts_with("milli: ") && skipped[0].contains("the span of --op-limits, 100,"),
+        "{skipped:?}"
+    );
+}

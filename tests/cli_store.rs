@@ -24,10 +24,13 @@ fn run(arguments: &[&str]) -> (Option<i32>, String, String) {
     (output.status.code(), out, err)
 }
 
+/// 2025-11-21T04:40:00Z.
+const START: f64 = 1_763_700_000.0;
+
 fn filled(at: &Path) {
     let mut store = Store::open(&Config::new(at)).expect("opens");
     let name = TagName { control_loop: "A".into(), tag: "op".into(), source: "s".into(), unit: "%".into() };
-    let samples = (0..300).map(|i| Sample::good(f64::from(i), f64::from(i))).collect();
+    let samples = (0..300).map(|i| Sample::good(START + f64::from(i), f64::from(i))).collect();
     store
         .insert(&Batch { series: vec![Series { tag: Arc::new(name), samples }], rows: Vec::new() })
         .expect("writes");
@@ -41,7 +44,7 @@ fn what_is_exported_can_be_imported_and_checked() {
     filled(Path::new(&old));
     for file in [path("out.csv"), path("out.parquet")] {
         let (code, out, err) =
-            run(&["export", &old, &file, "--from", "100", "--to-time", "1970-01-01T00:03:19Z"]);
+            run(&["export", &old, &file, "--from", "1763700100", "--to-time", "2025-11-21T04:43:19Z"]);
         assert_eq!((code, out, err), (Some(0), format!("{file}: 100 rows\n"), String::new()));
         let (code, _, err) = run(&["export", &old, &file]);
         assert_eq!((code, err), (Some(2), format!("stictiond: {file}: the file is there already\n")));
@@ -56,7 +59,7 @@ fn what_is_exported_can_be_imported_and_checked() {
     );
 
     // One bit within the bytes of the first chunk, wherever it lies.
-    let first: Vec<Sample> = (0..60).map(|i| Sample::good(f64::from(i), f64::from(i))).collect();
+    let first: Vec<Sample> = (0..60).map(|i| Sample::good(START + f64::from(i), f64::from(i))).collect();
     let blob = codec::encode(&first);
     let database = Path::new(&old).join("store.db");
     let mut bytes = fs::read(&database).expect("can be read");
@@ -120,12 +123,82 @@ fn with_a_configuration_imported_samples_are_those_of_its_loops() {
          [loop.pv]\ndevice = 'd'\nregister = 'input'\naddress = 2\ntype = 'f32'\n",
     )
     .expect("writable");
-    fs::write(&file, "loop,tag,t,value\nA,op,1,2\nX,op,1,2\n").expect("writable");
+    fs::write(&file, "loop,tag,t,value\nA,op,1763700000,2\nX,op,1763700000,2\n").expect("writable");
     let text = |path: &Path| path.display().to_string();
     let (code, _, err) = run(&["import", &text(&own), &text(&file), "--config", &text(&config)]);
     assert_eq!(code, Some(0), "{err}");
     let tags = stictiond::store::Reader::open(&own).and_then(|reader| reader.tags()).expect("can be read");
     assert_eq!(tags[0].name.source, "modbus 127.0.0.1:9 unit 1 input 0 from 0 f32 ABCD");
     assert_eq!((tags[0].name.unit.as_str(), tags[1].name.source.as_str()), ("%", "import"));
+    fs::remove_dir_all(&folder).expect("writable");
+}
+
+/// A record of one loop whose times are written so.
+fn table(time: &dyn Fn(u32) -> String) -> String {
+    let row = |k: u32| format!("{},{},{}\n", time(k), 50 + k % 7, 20 + k % 5);
+    "time,op,pv\n".to_string() + &(0..200).map(row).collect::<String>()
+}
+
+#[test]
+fn numbers_that_count_from_1970_or_as_spreadsheets_do_are_imported_at_their_time() {
+    let folder = folder("cli-store-epochs");
+    let text = |path: &Path| path.display().to_string();
+    let seconds = |k: u32| 1_763_700_000 + u64::from(k);
+    let serial = |k: u32| format!("{:.9}", seconds(k) as f64 / 86_400.0 + 25_569.0);
+    let times: [(&str, &dyn Fn(u32) -> String); 5] = [
+        ("s", &|k| seconds(k).to_string()),
+        ("ms", &|k| format!("{}000", seconds(k))),
+        ("us", &|k| format!("{}000000", seconds(k))),
+        ("ns", &|k| format!("{}000000000", seconds(k))),
+        ("days", &serial),
+    ];
+    for (unit, time) in times {
+        let (own, file) = (folder.join(unit), folder.join(unit).with_extension("csv"));
+        fs::write(&file, table(time)).expect("writable");
+        let (code, out, err) = run(&["import", &text(&own), &text(&file), "--loop", "A"]);
+        assert_eq!(code, Some(0), "{unit}: {err}");
+        assert!(out.starts_with(&format!("{}: 400 samples, read as: ", text(&file))), "{unit}: {out}");
+        let mut reader = stictiond::store::Reader::open(&own).expect("opens");
+        let kept = reader.between("A", "op", 0.0, 1e11).expect("can be read");
+        assert_eq!(kept.len(), 200, "{unit}");
+        for (k, sample) in (0..).zip(&kept) {
+            assert!((sample.t - START - f64::from(k)).abs() < 1e-3, "{unit}: {sample:?}");
+        }
+    }
+    fs::remove_dir_all(&folder).expect("writable");
+}
+
+#[test]
+fn a_table_without_dates_is_refused_and_what_has_none_within_one_is_counted() {
+    let folder = folder("cli-store-undated");
+    let (own, file) = (folder.join("own"), folder.join("in.csv"));
+    let text = |path: &Path| path.display().to_string();
+    let import =
+        |more: &[&str]| run(&[&["import", text(&own).as_str(), text(&file).as_str()], more].concat());
+    let times: [&dyn Fn(u32) -> String; 3] = [
+        &|k| format!("13:{:02}:{:02}", k / 60, k % 60),
+        &|k| format!("{}:00:{:02}", 25 + k / 60, k % 60),
+        &|k| (2 * k).to_string(),
+    ];
+    for time in times {
+        fs::write(&file, table(time)).expect("writable");
+        let (code, out, err) = import(&["--loop", "A"]);
+        assert_eq!((code, out.as_str()), (Some(2), ""), "{err}");
+        assert!(err.contains("times must be seconds since 1970, or dates"), "{err}");
+        assert!(err.contains("--time-format") && err.contains("--time-unit"), "{err}");
+        let tags = stictiond::store::Reader::open(&own).and_then(|reader| reader.tags());
+        assert!(tags.expect("can be read").is_empty(), "nothing of it is kept");
+    }
+    // Stamps of a clock that was not set yet, in an archive of others.
+    let rows = "loop,tag,t,value\nA,op,5,1\nA,op,6,2\nA,op,1763700000,3\nA,op,1763700001,4\n";
+    fs::write(&file, rows).expect("writable");
+    let (code, out, err) = import(&["--time-unit", "s"]);
+    assert_eq!(code, Some(0), "{err}");
+    assert!(out.contains(": 2 samples kept, 2 refused, whose times have no date"), "{out}");
+    // Milliseconds taken for seconds.
+    fs::write(&file, table(&|k| format!("{}000", 1_763_700_000 + u64::from(k)))).expect("writable");
+    let (code, out, err) = import(&["--loop", "B", "--time-unit", "s"]);
+    assert_eq!((code, out.as_str()), (Some(2), ""), "{err}");
+    assert!(err.contains("none of its 400 samples can be kept") && err.contains("--time-unit"), "{err}");
     fs::remove_dir_all(&folder).expect("writable");
 }

@@ -136,7 +136,7 @@ fn wrong(quality: Quality) -> &'static str {
 mod tests {
     use super::super::writeback::tests::config;
     use super::*;
-    use crate::collect::modbus;
+    use crate::collect::{modbus, opcua};
     use crate::signal::Sample;
     use std::sync::Arc;
 
@@ -148,9 +148,9 @@ mod tests {
         config.modbus.push(other);
         let wired = config.plant().expect("it was checked");
         let history = Arc::new(History::new(&wired.loops, &config.history));
-        let devices = wired.into_plans();
-        let devices = devices.map(|plan| Device::new(plan, Clock::wall(), &modbus::sockets(), &history));
-        let devices = devices.collect();
+        let (dial, pinned) = (modbus::sockets(), opcua::Pinned::default());
+        let device = |plan| Device::new(plan, Clock::wall(), (&dial, &pinned), &history);
+        let devices = wired.into_plans().map(device).collect();
         (config.loops.swap_remove(0), history, devices)
     }
 

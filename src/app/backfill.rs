@@ -4,14 +4,15 @@
 mod file;
 
 use super::persistence::Persistence;
+use super::span::{self, Origin};
 use crate::backfill::{BackfillError, Marked, Part, Past, Timeline, timeline, usual_cut};
-use crate::collect::opcua::{self, Keep, Slice, Wish};
+use crate::collect::opcua::{self, Keep, Pinned, Slice, Wish};
 use crate::config::Config;
 use crate::diagnosis::Settings;
 use crate::results::{Event, Results};
 use crate::schedule::{Clock, Diagnose};
 use crate::serve::{BackfillPhase, BackfillPort, BackfillRefusal, BackfillRequest, BackfillRun};
-use crate::signal::{Record, Sample, SpanSource};
+use crate::signal::{Record, Sample};
 use crate::store::{self, Batch, Reader, Series, StoreError, StoredTag, TagName};
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -38,6 +39,7 @@ pub(super) struct BackfillJobs {
 struct Shared {
     persistence: Arc<Persistence>,
     results: Arc<Results>,
+    pinned: Pinned,
     clock: Clock,
     diagnose: Diagnose,
     config: Mutex<Arc<Config>>,
@@ -52,16 +54,14 @@ impl BackfillJobs {
     pub(super) fn new(
         config: &Arc<Config>,
         clock: Clock,
-        (persistence, results): (&Arc<Persistence>, &Arc<Results>),
+        (persistence, results, pinned): (&Arc<Persistence>, &Arc<Results>, &Pinned),
         diagnose: Diagnose,
         stop: CancellationToken,
     ) -> Arc<Self> {
-        let (persistence, results) = (persistence.clone(), results.clone());
+        let (persistence, results, pinned) = (persistence.clone(), results.clone(), pinned.clone());
         let (config, job) = (Mutex::new(config.clone()), Mutex::default());
-        Arc::new(Self {
-            shared: Arc::new(Shared { persistence, results, clock, diagnose, config, job }),
-            stop,
-        })
+        let shared = Shared { persistence, results, pinned, clock, diagnose, config, job };
+        Arc::new(Self { shared: Arc::new(shared), stop })
     }
 
     /// Another configuration; a job that runs goes on with its own.
@@ -197,7 +197,8 @@ impl Shared {
         self.change(|job| job.of = of);
         let mut kept = Kept { shared: self.clone(), names };
         for plan in &plans {
-            opcua::history(plan, &history, &mut kept).await.map_err(|error| error.to_string())?;
+            let read = opcua::history(plan, &history, &self.pinned, &mut kept).await;
+            read.map_err(|error| error.to_string())?;
         }
         Ok(())
     }
@@ -209,15 +210,21 @@ impl Shared {
         source: &Source,
         cancel: &CancellationToken,
     ) -> BackfillPhase {
+        let mut op_unit = None;
         let past = match source {
             Source::Store(store) => stored(request, store, config, cancel),
-            Source::File(file) => file.read(request).map(|(record, read_as)| {
-                self.change(|job| job.read_as = Some(read_as));
-                Some(Past::from(record))
+            Source::File(file) => file.read(request).map(|read| {
+                op_unit = read.found.op_unit;
+                self.change(|job| job.read_as = Some(read.found.read_as));
+                Some(Past::from(read.record))
             }),
         };
+        let origin = match source {
+            Source::Store(_) => Origin::Tag,
+            Source::File(_) => Origin::File(op_unit.as_deref()),
+        };
         let judged = past.and_then(|found| match found {
-            Some(past) => self.timeline(request, config, past, cancel),
+            Some(past) => self.timeline(request, config, (past, origin), cancel),
             None => Ok(None),
         });
         match judged {
@@ -235,20 +242,13 @@ impl Shared {
         &self,
         request: &BackfillRequest,
         config: &Config,
-        mut past: Past,
+        (mut past, origin): (Past, Origin<'_>),
         cancel: &CancellationToken,
     ) -> Result<Option<Timeline>, String> {
         // The span may have to be found from all values of OP, whatever window they are of.
         let mut record = Record { op: past.all("op").into_owned(), ..std::mem::take(&mut past.known) };
-        if let Some(own) = config.loops.iter().find(|l| l.id == request.id.as_str()) {
-            record.op_limits = own.op_limits.map(|[low, high]| (low, high)).or(record.op_limits);
-            // What the configuration says of OP goes before what its values look like, not before a file's own unit.
-            if own.op_span.is_some() || record.op_span_source == SpanSource::Values {
-                record.op_span = None;
-            }
-            record.find_span(own.op_span, own.op.unit());
-        }
-        record.find_span(None, None);
+        let own = config.loops.iter().find(|l| l.id == request.id.as_str());
+        span::find_span(&mut record, own, origin)?;
         past.known = Record { op: Vec::new(), ..record };
         let marked = Marked::from(past);
         let empty = || BackfillError::Empty.to_string();
@@ -302,7 +302,10 @@ fn stored(
     config: &Config,
     cancel: &CancellationToken,
 ) -> Result<Option<Past>, String> {
-    let said = |error: StoreError| error.to_string();
+    let said = |error: StoreError| {
+        store::heed(store, &error);
+        error.to_string()
+    };
     let mut reader = Reader::at_hand(store).map_err(said)?;
     let names = ["op", "pv", "sp", "mode", "mv", "term"];
     let id = request.id.as_str();
@@ -315,6 +318,7 @@ fn stored(
     };
     let found =
         reader.in_force(&tags, &["op", "pv"], [request.from, request.to], &mut go_on).map_err(said)?;
+    store::heed_blobs(store, reader.damaged());
     if cancel.is_cancelled() {
         return Ok(None);
     }

@@ -1,7 +1,7 @@
 //! One device of the plant: its plan, the rings it fills, and the task that polls it.
 
 use super::rings::Rings;
-use crate::collect::{self, Collector, DeviceHealth, Plan, modbus};
+use crate::collect::{self, Collector, DeviceHealth, Plan, modbus, opcua};
 use crate::history::{History, Ring};
 use crate::schedule::Clock;
 use crate::serve::DeviceState;
@@ -23,9 +23,16 @@ pub(super) struct Device {
 }
 
 impl Device {
-    pub(super) fn new(plan: Plan, clock: Clock, dial: &modbus::Dial, history: &Arc<History>) -> Self {
+    /// A device that is polled by `dial`, or whose namespaces are those of `pinned`.
+    pub(super) fn new(
+        plan: Plan,
+        clock: Clock,
+        (dial, pinned): (&modbus::Dial, &opcua::Pinned),
+        history: &Arc<History>,
+    ) -> Self {
         let now: Arc<dyn collect::Clock> = Arc::new(move || clock.now());
-        let collector = Collector::new(plan.clone(), now, plan.device() as u64).dialling(dial.clone());
+        let collector = Collector::new(plan.clone(), now, plan.device() as u64);
+        let collector = collector.dialling(dial.clone()).pinning(pinned);
         let ring = |tag: usize| Some((tag, history.ring(tag)?.clone()));
         let by_tag = plan.tags().into_iter().filter_map(ring).collect();
         let rings = Arc::new(Rings { by_tag, polled: watch::Sender::new(0) });

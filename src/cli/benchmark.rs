@@ -6,7 +6,7 @@ use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
-use stictiond::collect::table::Options;
+use stictiond::collect::table::{Options, Table};
 use stictiond::detectors::integration::told_by_name;
 use stictiond::detectors::tally::Tally;
 use stictiond::detectors::{Facts, Method, Opinion, Says, agreement, opinion};
@@ -51,7 +51,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut times = vec![Vec::new(); tallies.len()];
     let mut records = Vec::with_capacity(listed.len());
     for own in listed {
-        let record = table::read(&own.file, &Options::default())?.record;
+        let Table { mut record, found: read } = table::read(&own.file, &Options::default())?;
+        table::scale_one_of_many(&own.file, &mut record, read.op_unit.as_deref())?;
         let heard = hear(&record, own.integrates);
         for (at, (says, ms)) in heard.says.iter().zip(&heard.ms).enumerate() {
             tallies[at].add(own.sticks, *says);

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use stictiond::collect::table::{self, Found, Options, Source, TableError};
 use stictiond::config;
 use stictiond::serve::dto::{parse_time, rfc3339};
-use stictiond::store::archive::{self, ArchiveError, Choice, Format, Import, Kind, Place};
+use stictiond::store::archive::{self, ArchiveError, Choice, Format, Gathered, Import, Kind, Place};
 use stictiond::store::{self, Batch, Config, Reader, Store, StoreError};
 
 /// Faults that are printed; the rest are counted.
@@ -215,8 +215,8 @@ fn import(args: &ImportArgs) -> Result<(), Failure> {
     }
     let options = args.table.options(args.of_loop.as_deref());
     for file in &args.files {
-        let (samples, found) = import_one(file, &options, &source, &mut store)?;
-        print(&format!("{}: {samples} samples, read as: {}\n", file.display(), found.read_as))?;
+        let (taken, found) = import_one(file, &options, &source, &mut store)?;
+        print(&format!("{}: {}, read as: {}\n", file.display(), taken.said(), found.read_as))?;
     }
     if store.spool().is_some_and(|spool| spool.waits) {
         let folder = settings.folder.display();
@@ -232,7 +232,8 @@ fn import_one(
     options: &Options,
     source: archive::Sources<'_>,
     store: &mut Store,
-) -> Result<(u64, Found), Failure> {
+) -> Result<(Taken, Found), Failure> {
+    let before = store.refused_and_damaged().0;
     let mut take = |batch: &Batch| store.insert(batch);
     let mut import = Import::new(source, &mut take);
     let read = table::stream(Source::File(file), options, &mut |tag, sample| {
@@ -244,7 +245,37 @@ fn import_one(
         Unread::Table(error) => Failure::in_file(file, error),
         Unread::Store(error) => of_archive(file, &error),
     })?;
-    Ok((import.end().map_err(|error| of_archive(file, &error))?, found))
+    let gathered = import.end().map_err(|error| of_archive(file, &error))?;
+    let taken = Taken::new(gathered, store.refused_and_damaged().0.saturating_sub(before));
+    if taken.kept == 0 && taken.refused > 0 {
+        let why = "can be kept: their times lie after the year 10000; say what their numbers count with --time-unit";
+        return Err(Failure::in_file(file, format!("none of its {} samples {why}", taken.refused)));
+    }
+    Ok((taken, found))
+}
+
+/// What became of a file's samples.
+struct Taken {
+    kept: u64,
+    refused: u64,
+}
+
+impl Taken {
+    /// From what was gathered, and how many of that the store has no room for in time.
+    fn new(gathered: Gathered, beyond: u64) -> Self {
+        let kept = gathered.handed_on.saturating_sub(beyond);
+        Self { kept, refused: gathered.undated + beyond }
+    }
+
+    fn said(&self) -> String {
+        let Self { kept, refused } = *self;
+        if refused == 0 {
+            return format!("{kept} samples");
+        }
+        format!(
+            "{kept} samples kept, {refused} refused, whose times have no date or lie after the year 10000"
+        )
+    }
 }
 
 /// Why a table did not get into the store.

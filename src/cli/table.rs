@@ -2,6 +2,7 @@
 
 use super::Failure;
 use std::path::Path;
+use stictiond::app::span_contradiction;
 use stictiond::collect::table::{self, Options, Source, Table, TableError};
 use stictiond::signal::{Record, Scale};
 
@@ -107,13 +108,25 @@ pub fn scale(
     unit: Option<&str>,
 ) -> Result<(), Failure> {
     let scale = Scale { given, limits: record.op_limits, unit };
-    if let Some(why) = scale.contradiction(&record.op) {
+    if let Some(why) = span_contradiction(&scale, &record.op) {
         let why = why.replace("op_span = ", "--op-span ").replace("op_limits = ", "--op-limits ");
-        return Err(Failure::in_file(path, why));
+        return Err(Failure::in_file(path, why.replace("of op_limits,", "of --op-limits,")));
     }
     record.op_span = None;
     record.find_span(given, unit);
     Ok(())
+}
+
+/// The same for one of many records: no span can be given for it alone, so its header has to be put right.
+pub fn scale_one_of_many(path: &Path, record: &mut Record, unit: Option<&str>) -> Result<(), Failure> {
+    scale(path, record, None, unit).map_err(|failed| match failed {
+        Failure::BadInput(why) => {
+            let what = why.split("say what is right").next().unwrap_or(&why);
+            let what = what.trim_end_matches([' ', ':', ';']);
+            Failure::BadInput(format!("{what}; put OP's unit in the file's header right"))
+        }
+        other => other,
+    })
 }
 
 /// A table that is refused is bad input.

@@ -82,6 +82,14 @@ impl Collector {
         }
     }
 
+    /// Takes the numbers of namespaces for those that all who share `pinned` take them for, where it speaks OPC UA.
+    pub fn pinning(self, pinned: &opcua::Pinned) -> Self {
+        match self {
+            Self::Opcua(collector) => Self::Opcua(Box::new(collector.pinning(pinned))),
+            other => other,
+        }
+    }
+
     /// The device's counters, live.
     pub fn health(&self) -> Arc<DeviceHealth> {
         match self {

@@ -17,6 +17,8 @@ use std::sync::Arc;
 const BATCH: usize = 100_000;
 /// Rows of a kind that is no sample, read in one go.
 const ROWS: usize = 500;
+/// A stamp before this (s, March 1973) is no date of a plant. Times of day, and those since something began, are read as such.
+const DATED_FROM: f64 = 1e8;
 
 /// Why a file is no archive, or cannot be made one.
 #[derive(Debug, thiserror::Error)]
@@ -355,6 +357,15 @@ pub struct Place<'a> {
     pub unit: Option<&'a str>,
 }
 
+/// What became of the samples of a table.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Gathered {
+    /// Samples that were handed on.
+    pub handed_on: u64,
+    /// Samples that were left out, because their times have no date.
+    pub undated: u64,
+}
+
 /// Gathers samples that a reader of tables hands over, and hands them on some at a time.
 pub struct Import<'a> {
     source: Sources<'a>,
@@ -363,16 +374,20 @@ pub struct Import<'a> {
     names: HashMap<TagName, usize>,
     batch: Batch,
     held: usize,
-    count: u64,
+    gathered: Gathered,
+    /// The time of the first sample without a date (s).
+    first_undated: Option<f64>,
 }
 
 impl<'a> Import<'a> {
     /// Nothing is gathered yet.
     pub fn new(source: Sources<'a>, take: &'a mut dyn FnMut(&Batch) -> Result<(), StoreError>) -> Self {
-        Self { source, take, names: HashMap::new(), batch: Batch::default(), held: 0, count: 0 }
+        let (names, batch, gathered) = (HashMap::new(), Batch::default(), Gathered::default());
+        Self { source, take, names, batch, held: 0, gathered, first_undated: None }
     }
 
-    /// One more sample.
+    /// One more sample. One whose time has no date is counted and left out: an archive may have some stamps of a clock that was
+    /// not set yet.
     ///
     /// # Errors
     /// [`ArchiveError::Format`] for one that belongs nowhere; what was handed on before stays handed on.
@@ -386,6 +401,11 @@ impl<'a> Import<'a> {
                 "a time of {} s: times must be seconds since 1970, or dates",
                 sample.t
             )));
+        }
+        if sample.t < DATED_FROM {
+            self.gathered.undated += 1;
+            self.first_undated.get_or_insert(sample.t);
+            return Ok(());
         }
         let (source, unit) = match source {
             Some(source) => (source.to_string(), unit.unwrap_or_default().to_string()),
@@ -406,18 +426,27 @@ impl<'a> Import<'a> {
         if self.held >= BATCH { self.hand_on() } else { Ok(()) }
     }
 
-    /// Hands the rest on: how many samples there were.
+    /// Hands the rest on: what became of the samples.
     ///
     /// # Errors
-    /// What the store said.
-    pub fn end(mut self) -> Result<u64, ArchiveError> {
-        self.hand_on()?;
-        Ok(self.count)
+    /// What the store said, and [`ArchiveError::Format`] where no sample has a date: then nothing was handed on.
+    pub fn end(mut self) -> Result<Gathered, ArchiveError> {
+        match self.first_undated {
+            Some(t) if self.held == 0 && self.gathered.handed_on == 0 => Err(ArchiveError::Format(format!(
+                "a time of {t} s, and no other has a date: times must be seconds since 1970, or dates; a time of day, or one since \
+                 the start, does not tell when it was: save the table with dates, or say how its times are written with \
+                 --time-format, or what its numbers count with --time-unit"
+            ))),
+            _ => {
+                self.hand_on()?;
+                Ok(self.gathered)
+            }
+        }
     }
 
     fn hand_on(&mut self) -> Result<(), ArchiveError> {
         (self.take)(&self.batch)?;
-        self.count += self.held as u64;
+        self.gathered.handed_on += self.held as u64;
         self.held = 0;
         self.batch.series.clear();
         self.names.clear();

@@ -1,6 +1,8 @@
 //! Which node a name means when a server numbers its namespaces anew, and what a value has to be.
 
-use super::rig::{Server, Watch, config, plan};
+use super::past::{Taker, complete, wish};
+use super::rig::{COUNTER, Server, Watch, config, plan};
+use stictiond::collect::opcua::{Pinned, history};
 use stictiond::signal::{BadReason, Quality};
 
 /// Each kind of name, of the plant's Steady1; the first two by URI, the others by number.
@@ -48,6 +50,44 @@ async fn a_server_that_numbers_its_namespaces_anew_gives_the_same_node_or_an_err
         assert!(
             said.iter().all(|line| line.contains("'urn:peer:plant'") && line.contains("nsu=urn:peer:plant;"))
         );
+        watch.stop().await;
+    }
+}
+
+/// The counter by URI, which [`COUNTER`] is by number.
+const COUNTER_BY_URI: &str =
+    "path = '/nsu=urn:peer:plant;Plant/nsu=urn:peer:plant;Unit/nsu=urn:peer:plant;Counter'";
+
+#[tokio::test]
+async fn history_takes_a_number_for_what_the_collector_took_it_for_and_not_for_what_it_is_now() {
+    let server = Server::start(&["--other", "last"]).await;
+    let port = server.port;
+    let config = config(port, "sampling_ms = 50\npublishing_ms = 50\nreconnect_max_ms = 500");
+    let by_number = plan(&config, &[COUNTER.to_string()]);
+    let pinned = Pinned::default();
+    let mut watch = Watch::start_pinning(by_number.clone(), &pinned);
+    watch.until("a value", 0, |all| all.iter().any(|sample| sample.quality.is_good())).await;
+    watch.stop().await;
+    server.kill().await;
+    // After a restart of the daemon it knows no more than what was kept.
+    let restarted = Pinned::of_text(&pinned.to_text()).expect("it is whole");
+    let again = ["--other", "first", "--history", "--backlog", "120", "--port", &port.to_string()];
+    let _server = Server::start(&again).await;
+    let wish = wish(false);
+    for known in [&pinned, &restarted] {
+        let refused = history(&by_number, &wish, known, &mut Taker::default()).await;
+        let refused = refused.expect_err("it is another node").to_string();
+        assert!(refused.starts_with("tag 0: ns=2 was the namespace 'urn:peer:plant'"), "{refused}");
+        assert!(refused.contains("is now 'urn:peer:other'"), "{refused}");
+        let mut taker = Taker::default();
+        let by_uri = plan(&config, &[COUNTER_BY_URI.to_string()]);
+        history(&by_uri, &wish, known, &mut taker).await.expect("it is read");
+        complete(&taker.samples(0, &wish), &wish, 1);
+        // Nor does a collector that takes the place of the first read it.
+        let mut watch = Watch::start_pinning(by_number.clone(), known);
+        let refused = Quality::Bad(BadReason::DeviceException);
+        watch.until("an error", 0, |all| all.last().is_some_and(|s| s.quality == refused)).await;
+        assert!(watch.samples(0).iter().all(|sample| sample.value.is_nan()));
         watch.stop().await;
     }
 }

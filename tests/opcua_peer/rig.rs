@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
-use stictiond::collect::opcua::{Collector, Config, Plan, TagSpec};
+use stictiond::collect::opcua::{Collector, Config, Pinned, Plan, TagSpec};
 use stictiond::collect::{DeviceHealth, HealthSnapshot, Poll, Sink, SystemClock};
 use stictiond::signal::Sample;
 use tokio::io::{AsyncWriteExt, BufReader, Lines};
@@ -130,6 +130,11 @@ impl Write for Log {
 impl Watch {
     /// Its log is that of this thread, on which a test's tasks run.
     pub fn start(plan: Plan) -> Self {
+        Self::start_pinning(plan, &Pinned::default())
+    }
+
+    /// The same, with the namespaces of all who share `pinned`.
+    pub fn start_pinning(plan: Plan, pinned: &Pinned) -> Self {
         let log: Arc<Mutex<Vec<u8>>> = Arc::default();
         let writer = Log(log.clone());
         let to_log = tracing_subscriber::fmt()
@@ -142,7 +147,7 @@ impl Watch {
         let samples = Mutex::new(vec![Vec::new(); plan.tags.len()]);
         let recorder = Arc::new(Recorder { samples, news: sender });
         let stop = CancellationToken::new();
-        let collector = Collector::new(plan, Arc::new(SystemClock), 7);
+        let collector = Collector::new(plan, Arc::new(SystemClock), 7).pinning(pinned);
         let health = collector.health();
         let task = tokio::spawn(collector.run(recorder.clone(), stop.clone()));
         Self { recorder, news, health, log, stop, task, _log: guard }

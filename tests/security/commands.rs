@@ -130,7 +130,7 @@ fn the_network_is_refused_without_tls_and_log_in() {
 fn a_name_from_the_plant_is_never_a_formula() {
     let folder = folder("formula");
     let place = |name: &str| folder.join(name).display().to_string();
-    let table = "loop,tag,t,value,unit\n'=1+cmd|x,@op,1,-2,-\n'-2+3,op,1,3,%\n";
+    let table = "loop,tag,t,value,unit\n'=1+cmd|x,@op,1763700000,-2,-\n'-2+3,op,1763700000,3,%\n";
     fs::write(place("in.csv"), table).expect("written");
     let run = |args: &[&str]| stictiond(&[&["store"], args].concat(), "");
     let (code, _, err) = run(&["import", &place("store"), &place("in.csv")]);

@@ -3,7 +3,7 @@
 use super::MOST_SAMPLES;
 use crate::collect::table::{self, Config, Options, Source};
 use crate::serve::{BackfillFile, BackfillRefusal, BackfillRequest};
-use crate::signal::{LoopId, Record, Sample};
+use crate::signal::{LoopId, Sample};
 use std::path::{Component, Path, PathBuf};
 
 /// A file that may be read, and what is told of it.
@@ -41,11 +41,11 @@ pub(super) fn named(file: &BackfillFile, id: &LoopId, config: &Config) -> Result
 }
 
 impl Table {
-    /// Its record within the time that is asked for, and how it was read.
-    pub(super) fn read(&self, request: &BackfillRequest) -> Result<(Record, String), String> {
+    /// Its record within the time that is asked for, how it was read, and OP's unit where the file tells it.
+    pub(super) fn read(&self, request: &BackfillRequest) -> Result<table::Table, String> {
         let source = Source::File(&self.path);
-        let read = table::read(source, &self.options).map_err(|error| error.to_string())?;
-        let mut record = read.record;
+        let mut read = table::read(source, &self.options).map_err(|error| error.to_string())?;
+        let record = &mut read.record;
         let within = |sample: &Sample| (request.from..=request.to).contains(&sample.t);
         // What is told only when it changes is in force from before the first window on.
         record.op.retain(within);
@@ -55,6 +55,6 @@ impl Table {
         if record.op.len() + record.pv.len() > MOST_SAMPLES {
             return Err(format!("more than {MOST_SAMPLES} samples; cut the file"));
         }
-        Ok((record, read.found.read_as))
+        Ok(read)
     }
 }

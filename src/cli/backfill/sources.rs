@@ -8,13 +8,15 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 use stictiond::backfill::{Part, Past};
-use stictiond::collect::opcua::{self, HistoryError, Keep, Slice, Wish};
+use stictiond::collect::opcua::{self, HistoryError, Keep, Pinned, Slice, Wish};
 use stictiond::config;
 use stictiond::signal::{Record, Sample};
 use stictiond::store::{self, Batch, Reader, Series, Store, StoreError, StoredTag, TagName};
 
 /// Beside the store in the folder: how far each reading of history has come.
 const PROGRESS: &str = "history.progress";
+/// Beside it too: which namespaces the numbers of tags mean, so that a reading that goes on reads the nodes that it began with.
+const NAMESPACES: &str = "namespaces";
 
 /// The past of a loop, its name, and how a file was read.
 pub struct Read {
@@ -127,6 +129,8 @@ fn history(path: &Path, args: &Args) -> Result<Past, Failure> {
     };
     let mut store =
         Store::open(&store::Config::new(&folder)).map_err(|error| Failure::Failed(error.to_string()))?;
+    let mut namespaces = Namespaces::open(folder.join(NAMESPACES))?;
+    let pinned = namespaces.pinned.clone();
     let runtime =
         tokio::runtime::Runtime::new().map_err(|error| Failure::Failed(format!("cannot start: {error}")))?;
     for plan in plans {
@@ -140,12 +144,13 @@ fn history(path: &Path, args: &Args) -> Result<Past, Failure> {
             store: &mut store,
             names: &names,
             progress,
+            namespaces: &mut namespaces,
             newest_first: args.newest_first,
             bar,
             slices,
             at: 0,
         };
-        let read = runtime.block_on(opcua::history(&plan, &wish, &mut kept));
+        let read = runtime.block_on(opcua::history(&plan, &wish, &pinned, &mut kept));
         kept.bar.end();
         read.map_err(|error| match error {
             HistoryError::Tag(..) | HistoryError::None(..) => bad(error.to_string()),
@@ -190,11 +195,38 @@ impl Progress {
     }
 }
 
+/// The namespaces of all servers, and the file that has them.
+struct Namespaces {
+    path: PathBuf,
+    pinned: Pinned,
+    kept: String,
+}
+
+impl Namespaces {
+    fn open(path: PathBuf) -> Result<Self, Failure> {
+        let remedy = "take it away, and numbers of namespaces mean what the servers say now";
+        let pinned =
+            Pinned::read(&path).map_err(|error| Failure::in_file(&path, format!("{error}; {remedy}")))?;
+        Ok(Self { path, kept: pinned.to_text(), pinned })
+    }
+
+    /// Keeps what is new.
+    fn note(&mut self) -> std::io::Result<()> {
+        let text = self.pinned.to_text();
+        if text != self.kept {
+            Pinned::keep(&text, &self.path)?;
+            self.kept = text;
+        }
+        Ok(())
+    }
+}
+
 /// Puts slices into the store. One that was kept and not noted is read again, and changes nothing.
 struct Kept<'s> {
     store: &'s mut Store,
     names: &'s HashMap<usize, Arc<TagName>>,
     progress: Progress,
+    namespaces: &'s mut Namespaces,
     newest_first: bool,
     bar: super::Bar,
     slices: usize,
@@ -206,6 +238,9 @@ impl Keep for Kept<'_> {
         let named =
             |(at, samples): (usize, Vec<Sample>)| Some(Series { tag: self.names.get(&at)?.clone(), samples });
         let batch = Batch { series: slice.series.into_iter().filter_map(named).collect(), rows: Vec::new() };
+        // Before there is anything of these nodes.
+        let noted = self.namespaces.note();
+        noted.map_err(|error| format!("{}: {error}", self.namespaces.path.display()))?;
         self.store.insert(&batch).map_err(|error| error.to_string())?;
         let done = if self.newest_first { slice.from } else { slice.to };
         self.progress.set(done).map_err(|error| format!("{}: {error}", self.progress.path.display()))?;

@@ -9,13 +9,14 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 use stictiond::app::{App, friction_of};
+use stictiond::collect::table::Table;
 use stictiond::diagnosis::Settings;
 use stictiond::plantwide::cause::period;
 use stictiond::plantwide::window::of_record;
 use stictiond::plantwide::{Analysis, Friction, PlantLoop, Task, analyse, tasks};
 use stictiond::results::words::percent;
 use stictiond::results::{Outcome, Run, Trigger};
-use stictiond::signal::LoopId;
+use stictiond::signal::{LoopId, Record};
 
 /// Most records of a folder.
 const MOST: usize = 20_000;
@@ -108,12 +109,8 @@ fn swinging(found: &Analysis, most: usize) -> Vec<usize> {
 
 /// What a diagnosis says of a loop's valve. The record is read again: all of them at once would not fit.
 fn friction(args: &Args, file: &Path, name: &str) -> Option<Friction> {
-    let read = table::read(file, &args.table.options(None)).ok()?;
-    let (mut record, unit) = (read.record, read.found.op_unit);
-    record.op_limits = args.op_limits.or(record.op_limits);
-    // What was found without the limits may be another span.
-    record.op_span = None;
-    record.find_span(None, unit.as_deref());
+    // It could be read before, and its OP contradicts nothing.
+    let record = scaled(args, file).ok()?;
     let judged = App::diagnosis()(&record, &Settings::default(), None);
     let run = Run {
         id: LoopId::new(name),
@@ -126,6 +123,14 @@ fn friction(args: &Args, file: &Path, name: &str) -> Option<Friction> {
         outcome: Outcome::Diagnosed(Box::new(judged)),
     };
     friction_of(&run.summary())
+}
+
+/// The record of a file, and the span of its OP.
+fn scaled(args: &Args, file: &Path) -> Result<Record, Failure> {
+    let Table { mut record, found } = table::read(file, &args.table.options(None))?;
+    record.op_limits = args.op_limits.or(record.op_limits);
+    table::scale_one_of_many(file, &mut record, found.op_unit.as_deref())?;
+    Ok(record)
 }
 
 /// The loops of the folder and their files, and what could not be read.
@@ -146,11 +151,10 @@ fn read(args: &Args) -> Result<Folder, Failure> {
         return Err(Failure::in_file(&args.folder, format!("{} records, {MOST} are the most", files.len())));
     }
     let (mut plant, mut used, mut skipped) = (Vec::new(), Vec::new(), Vec::new());
-    let options = args.table.options(None);
     for file in files {
         let name = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let of = match table::read(&file, &options) {
-            Ok(read) => of_record(&name, &read.record, MOST_SAMPLES),
+        let of = match scaled(args, &file) {
+            Ok(record) => of_record(&name, &record, MOST_SAMPLES),
             Err(Failure::BadInput(why) | Failure::Failed(why)) => Err(why),
             Err(Failure::BadConfig(_)) => Err("the options contradict each other".into()),
         };

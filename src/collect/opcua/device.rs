@@ -2,7 +2,7 @@
 
 use super::config::{Mode, Place, TimeFallback};
 use super::link::{Link, Lost};
-use super::names::Pins;
+use super::pins::{Pinned, ServerPins};
 use super::plan::{Plan, Tag};
 use super::value::{self, NoNumber};
 use crate::collect::backoff::Backoff;
@@ -47,7 +47,7 @@ pub struct Collector {
     lost_filling: u32,
     round: Round,
     /// The namespaces that plain numbers mean.
-    pins: Pins,
+    pins: ServerPins,
     /// History of before the start has still to be read.
     starting: bool,
 }
@@ -110,10 +110,16 @@ impl Collector {
             heard_at: 0.0,
             lost_filling: 0,
             round: Round::default(),
-            pins: Pins::default(),
+            pins: ServerPins::default(),
             starting: false,
             plan,
         }
+    }
+
+    /// Takes plain numbers for the namespaces that all who share `pinned` take them for.
+    pub fn pinning(mut self, pinned: &Pinned) -> Self {
+        self.pins = pinned.of(&self.plan.config.url);
+        self
     }
 
     /// Before the first session: the time (s) of the newest sample that each tag has from before the start. With `backfill_s`
@@ -248,8 +254,9 @@ impl Collector {
         let missing: Vec<usize> = (0..self.tags.len()).filter(|at| self.tags[*at].node.is_none()).collect();
         let places: Vec<Place> = missing.iter().map(|at| self.plan.tags[*at].place.clone()).collect();
         let mut found = Vec::new();
-        let pinned = self.pins.known().count();
-        for (at, node) in missing.into_iter().zip(link.resolve(&places, &mut self.pins).await?) {
+        let pinned = self.pins.known().len();
+        let nodes = link.resolve(&places, &self.pins).await?;
+        for (at, node) in missing.into_iter().zip(nodes) {
             match node {
                 Ok(node) => {
                     self.tags[at].node = Some(node);
@@ -258,9 +265,9 @@ impl Collector {
                 Err(why) => self.refused(at, &why, sink),
             }
         }
-        if self.pins.known().count() > pinned {
-            let known: Vec<String> =
-                self.pins.known().map(|(n, uri)| format!("ns={n} is nsu={uri}")).collect();
+        let known = self.pins.known();
+        if known.len() > pinned {
+            let known: Vec<String> = known.iter().map(|(n, uri)| format!("ns={n} is nsu={uri}")).collect();
             info!(device = %self.name(), "namespaces named by number: {}", known.join(", "));
         }
         Ok(found)

@@ -3,7 +3,7 @@
 
 use super::config::TimeFallback;
 use super::link::{Link, Lost};
-use super::names::Pins;
+use super::pins::{Pinned, ServerPins};
 use super::plan::{Plan, Tag};
 use super::value;
 use crate::collect::backoff::Backoff;
@@ -100,23 +100,29 @@ pub enum HistoryError {
     Kept(String),
 }
 
-/// Reads the history of the plan's tags and has it kept. A session that is lost is opened again and the slice begun anew.
+/// Reads the history of the plan's tags and has it kept. A session that is lost is opened again and the slice begun anew. Plain
+/// numbers are the namespaces that all who share `pinned` take them for.
 ///
 /// # Errors
 /// [`HistoryError`]; what was kept stays.
-pub async fn history(plan: &Plan, wish: &Wish, keep: &mut impl Keep) -> Result<(), HistoryError> {
+pub async fn history(
+    plan: &Plan,
+    wish: &Wish,
+    pinned: &Pinned,
+    keep: &mut impl Keep,
+) -> Result<(), HistoryError> {
     let mut slices = wish.slices();
     let mut next = slices.next();
     let longest = Duration::from_millis(plan.config.reconnect_max_ms);
     let mut backoff = Backoff::new(FIRST_PAUSE.min(longest), longest, Pcg32::seed_from_u64(1));
     let (mut failures, config) = (0, Arc::new(plan.config.clone()));
-    let mut pins = Pins::default();
+    let pins = pinned.of(&config.url);
     while next.is_some() {
         let ended = match Link::open(config.clone()).await {
             Ok(link) => {
                 let before = next;
-                let ended =
-                    Session { plan, wish, link, pins: &mut pins }.read(&mut next, &mut slices, keep).await;
+                let session = Session { plan, wish, link, pins: &pins };
+                let ended = session.read(&mut next, &mut slices, keep).await;
                 if before != next {
                     backoff.reset();
                     failures = 0;
@@ -157,7 +163,7 @@ struct Session<'p> {
     plan: &'p Plan,
     wish: &'p Wish,
     link: Link,
-    pins: &'p mut Pins,
+    pins: &'p ServerPins,
 }
 
 impl Session<'_> {

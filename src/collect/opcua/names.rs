@@ -1,7 +1,7 @@
 //! How nodes are named, and which namespace a name means in a session. Pure.
 //!
 //! A server may number its namespaces anew whenever it starts. A URI means the same namespace for ever; a plain number
-//! means the URI that it had at first, and nothing else after that.
+//! means the URI that it had at first, and nothing else after that. `pins` shares that among all who ask the server.
 
 use opcua::types::{Identifier, NodeId, QualifiedName, RelativePath, RelativePathElement};
 use std::collections::BTreeMap;
@@ -198,7 +198,7 @@ impl Namespaces {
     }
 }
 
-/// Which URI each plain number had at first. It outlives a session, and not the process.
+/// Which URI each plain number of one server had at first. It outlives a session.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Pins {
     first: BTreeMap<u16, String>,
@@ -219,11 +219,7 @@ impl Pins {
         let now = namespaces.uri(number);
         match (self.first.get(&number), now) {
             (Some(first), Some(now)) if first == now => Ok(number),
-            (Some(first), now) => Err(format!(
-                "ns={number} was the namespace '{first}' and is now {}: not read, since it is another node; name it by \
-                 nsu={first};… instead of a number",
-                now.map_or_else(|| "none".into(), |now| format!("'{now}'"))
-            )),
+            (Some(first), now) => Err(moved(number, first, now)),
             (None, Some(now)) => {
                 self.first.insert(number, now.into());
                 Ok(number)
@@ -233,10 +229,25 @@ impl Pins {
         }
     }
 
+    /// Remembers what a number means, unless that is known already.
+    pub(super) fn pin(&mut self, number: u16, uri: String) {
+        self.first.entry(number).or_insert(uri);
+    }
+
     /// Numbers and their URIs.
     pub(super) fn known(&self) -> impl Iterator<Item = (u16, &str)> {
         self.first.iter().map(|(number, uri)| (*number, uri.as_str()))
     }
+}
+
+/// Why a number is not read any more. Where what it is now is meant, its URI says so: what it was is not forgotten.
+fn moved(number: u16, first: &str, now: Option<&str>) -> String {
+    let is = now.map_or_else(|| "none".into(), |now| format!("'{now}'"));
+    let or = now.map(|now| format!(", or by nsu={now};… where that is meant")).unwrap_or_default();
+    format!(
+        "ns={number} was the namespace '{first}' and is now {is}: not read, since it is another node; name it by \
+         nsu={first};… instead of a number{or}"
+    )
 }
 
 fn told(namespaces: &Namespaces) -> String {

@@ -77,7 +77,7 @@ fn import(
     file: &Path,
     source: Sources<'_>,
     take: &mut dyn FnMut(&Batch) -> Result<(), StoreError>,
-) -> Result<u64, ArchiveError> {
+) -> Result<Gathered, ArchiveError> {
     let mut import = Import::new(source, take);
     stream(Source::File(file), &Options::default(), &mut |tag, sample| {
         let place = Place {
@@ -126,7 +126,7 @@ fn what_is_exported_and_imported_is_the_same_to_the_last_bit_and_never_twice() {
         let mut store = Store::open(&Config::new(&new.0)).expect("opens");
         for _ in 0..2 {
             let read = import(&file, &no_source, &mut |batch| store.insert(batch)).expect("reads");
-            assert_eq!(read, 1500);
+            assert_eq!(read, Gathered { handed_on: 1500, undated: 0 });
         }
         assert_eq!(everything(&new), everything(&old), "{format:?}");
     }
@@ -166,12 +166,12 @@ fn a_file_that_is_none_is_refused() {
         fs::write(&file, text).expect("writable");
         import(&file, &no_source, &mut |_| Ok(())).expect_err(text).to_string()
     };
-    let rows = "loop,tag,t,value,quality\nA,op,1,2,good\n";
+    let rows = "loop,tag,t,value,quality\nA,op,1763700000,2,good\n";
     for (text, said) in [
         (String::new(), "empty file"),
         (format!("{rows}A,op,x,2,good\n"), "line 3, column 3 (t): \"x\" is no time"),
         (format!("{rows}A,op,,2,good\n"), "line 3, column 3 (t): the cell is empty"),
-        (format!("{rows}A,op,-3,2,good\n"), "times must be seconds since 1970"),
+        ("loop,tag,t,value,quality\nA,op,-3,2,good\n".into(), "times must be seconds since 1970"),
         (format!("{rows},op,3,2,good\n"), "say which with --loop"),
         (format!("loop,tag,t,value\n\"{}", "x".repeat(3 << 20)), "a quote left open"),
         ("PAR1 and no more".into(), "Parquet: "),
@@ -186,14 +186,52 @@ fn a_tag_without_a_source_takes_the_one_it_is_read_from() {
     let folder = Folder::new();
     let mut store = Store::open(&Config::new(&folder.0)).expect("opens");
     let file = folder.0.join("in.csv");
-    fs::write(&file, "T,Value,tag,LOOP\n5,1.5,op,A\n6,,op,A\n5,2.5,op,B\n").expect("writable");
+    let rows = "T,Value,tag,LOOP\n1763700005,1.5,op,A\n1763700006,,op,A\n1763700005,2.5,op,B\n";
+    fs::write(&file, rows).expect("writable");
     let source = |own: &str, _: &str| (own == "A").then(|| ("register 7".to_string(), "%".to_string()));
-    assert_eq!(import(&file, &source, &mut |batch| store.insert(batch)).expect("reads"), 3);
+    let read = import(&file, &source, &mut |batch| store.insert(batch)).expect("reads");
+    assert_eq!(read, Gathered { handed_on: 3, undated: 0 });
     let found = everything(&folder);
     assert_eq!((found[0].0.source.as_str(), found[1].0.source.as_str()), ("register 7", "import"));
     assert_eq!(found[0].1[1].2.as_str(), "bad:not_a_number", "a blank value is a sample that has none");
     assert_eq!(Format::of(Path::new("a.CSV")), Some(Format::Csv));
     assert_eq!(Format::of(Path::new("a.txt")), None);
+}
+
+/// A sample without a date is left out and counted, and a table that has no other is none.
+#[test]
+fn samples_without_a_date_are_refused() {
+    let folder = Folder::new();
+    fs::create_dir_all(&folder.0).expect("writable");
+    let file = folder.0.join("in.csv");
+    let clock = |k: u32| format!("13:{:02}:{:02}", k / 60, k % 60);
+    let since_start = |k: u32| (2 * k).to_string();
+    let times: [(&str, &dyn Fn(u32) -> String); 2] = [("clock", &clock), ("since the start", &since_start)];
+    for (what, time) in times {
+        let rows: String = (0..200).map(|k| format!("{},A,op,{}\n", time(k), 50 + k % 7)).collect();
+        fs::write(&file, format!("t,loop,tag,value\n{rows}")).expect("writable");
+        let mut taken = 0;
+        let read = import(&file, &no_source, &mut |batch| {
+            taken += batch.series.len();
+            Ok(())
+        });
+        let error = read.expect_err(what).to_string();
+        assert!(error.contains("has a date") && error.contains("--time-unit"), "{what}: {error}");
+        assert_eq!(taken, 0, "{what}: nothing is handed on");
+    }
+    // A device had sent two samples before its clock was set.
+    let mut handed_on = Vec::new();
+    let mut keep = |batch: &Batch| {
+        handed_on.extend(batch.series.iter().flat_map(|series| series.samples.clone()));
+        Ok::<_, StoreError>(())
+    };
+    let mut gathering = Import::new(&no_source, &mut keep);
+    let place = Place { control_loop: "A", tag: "op", source: None, unit: None };
+    for t in [0.0, 86_400.0, 1_763_700_000.0] {
+        gathering.sample(&place, Sample::good(t, 50.0)).expect("it belongs somewhere");
+    }
+    assert_eq!(gathering.end().expect("one has a date"), Gathered { handed_on: 1, undated: 2 });
+    assert_eq!(handed_on, [Sample::good(1_763_700_000.0, 50.0)]);
 }
 
 proptest! {

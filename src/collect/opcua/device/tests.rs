@@ -35,6 +35,18 @@ fn collector() -> Collector {
     Collector::new(plan, Arc::new(|| 1.0e9), 1)
 }
 
+#[test]
+fn a_collector_that_takes_the_place_of_another_goes_on_with_its_namespaces() {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().unwrap();
+    let _guard = runtime.enter();
+    let pinned = Pinned::default();
+    let first = collector().pinning(&pinned);
+    first.pins.with(|pins| pins.pin(2, "urn:a".into()));
+    drop(first);
+    assert_eq!(collector().pinning(&pinned).pins.known(), [(2, "urn:a".to_string())]);
+    assert!(collector().pins.known().is_empty(), "it shares them with nobody");
+}
+
 fn variant() -> impl Strategy<Value = Option<Variant>> {
     prop_oneof![
         6 => any::<f64>().prop_map(|v| Some(Variant::Double(v))),

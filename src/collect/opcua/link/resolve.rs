@@ -3,36 +3,27 @@
 use super::{Link, Lost, Refused, wrong_count};
 use crate::collect::opcua::config::Place;
 use crate::collect::opcua::names::{Namespaces, Pins};
+use crate::collect::opcua::pins::ServerPins;
 use opcua::types::{BrowsePath, BrowsePathResult, NodeId, ObjectId, VariableId, Variant};
 
 /// The node of a place, or why there is none.
 pub(in crate::collect::opcua) type Found = Result<NodeId, String>;
+
+/// Browse paths, each with the number of its place.
+type Paths = Vec<(usize, BrowsePath)>;
 
 impl Link {
     /// The node of each place, by the namespaces that the server has now.
     pub(in crate::collect::opcua) async fn resolve(
         &mut self,
         places: &[Place],
-        pins: &mut Pins,
+        pins: &ServerPins,
     ) -> Result<Vec<Found>, Lost> {
         if places.is_empty() {
             return Ok(Vec::new());
         }
         let namespaces = self.namespaces().await?;
-        let mut found: Vec<Found> = Vec::with_capacity(places.len());
-        let mut paths: Vec<(usize, BrowsePath)> = Vec::new();
-        for (at, place) in places.iter().enumerate() {
-            found.push(match place {
-                Place::Node(name) => name.resolve(&namespaces, pins),
-                Place::Path(name) => name.resolve(&namespaces, pins).and_then(|relative_path| {
-                    paths.push((
-                        at,
-                        BrowsePath { starting_node: ObjectId::ObjectsFolder.into(), relative_path },
-                    ));
-                    Err("path not found".into())
-                }),
-            });
-        }
+        let (mut found, paths) = pins.with(|pins| named(places, &namespaces, pins));
         let mut done = 0;
         while done < paths.len() {
             let batch: Vec<BrowsePath> =
@@ -61,6 +52,23 @@ impl Link {
         };
         Ok(Namespaces(uris.iter().map(Variant::to_string).collect()))
     }
+}
+
+/// The node of each place that is named by one, and the paths of the others, which the server has to follow.
+fn named(places: &[Place], namespaces: &Namespaces, pins: &mut Pins) -> (Vec<Found>, Paths) {
+    let mut found = Vec::with_capacity(places.len());
+    let mut paths = Paths::new();
+    for (at, place) in places.iter().enumerate() {
+        found.push(match place {
+            Place::Node(name) => name.resolve(namespaces, pins),
+            Place::Path(name) => name.resolve(namespaces, pins).and_then(|relative_path| {
+                let starting_node = ObjectId::ObjectsFolder.into();
+                paths.push((at, BrowsePath { starting_node, relative_path }));
+                Err("path not found".into())
+            }),
+        });
+    }
+    (found, paths)
 }
 
 /// The node that a path leads to. One that leads to several, or out of this server, names none.
