@@ -275,9 +275,7 @@ impl Persistence {
         let is_told = store::is_damaged(config) || config.url.is_some();
         let found = match &given {
             _ if is_told => None,
-            Ok((Back { lacking: Some(error), .. }, ..)) | Err(error) if error.is_damage() => {
-                Some(error.to_string())
-            }
+            Ok((Back { lacking: Some(error), .. }, ..)) | Err(error) if error.is_damage() => error.damage(),
             Ok((_, damaged, None)) if *damaged > 0 => Some(format!("{damaged} blobs of samples are damaged")),
             _ => None,
         };
@@ -404,6 +402,7 @@ fn merge(config: &store::Config, results: &Results, found: Found, now: f64) {
         Ok(())
     });
     if let Err(error) = past {
+        store::heed(config, &error);
         tracing::warn!(%error, "what was said before the start cannot be read until the next one");
     }
 }
@@ -453,6 +452,9 @@ fn state(status: store::Status, shared: &Shared) -> StoreState {
     });
     StoreState {
         failing,
+        is_damaged: status.is_damaged,
+        lost_states: shared.lost_states.load(Relaxed),
+        checked: status.checked,
         spooling,
         database,
         written_at: status.written_at,

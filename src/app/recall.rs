@@ -22,7 +22,7 @@ pub(super) fn recall(
             return Some(record);
         }
         let own = neighbours.get(id).map_or(&[][..], Vec::as_slice);
-        let kept = store.as_ref().map(|store| joined(store, id, basis, &rings, own))?;
+        let kept = store.as_ref().map(|store| looked_up(store, id, basis, &rings, own))?;
         let kept = kept
             .inspect_err(|error| tracing::warn!(%error, "a bundle cannot be read from the store"))
             .ok()?;
@@ -31,15 +31,34 @@ pub(super) fn recall(
     })
 }
 
-/// What the store has of the run's tags and time, and after it what only the rings have.
-fn joined(
+/// What the store has of the run. Where it is damaged there it fails from now on: nobody else may have read there since it was
+/// opened, and it would go on as if nothing were missing.
+fn looked_up(
     store: &store::Config,
     id: &LoopId,
     basis: &Basis,
     rings: &Record,
     neighbours: &[Neighbour],
 ) -> Result<Record, StoreError> {
-    let mut reader = Reader::at_hand(store)?;
+    let found = Reader::at_hand(store).and_then(|mut reader| {
+        let record = joined(&mut reader, id, basis, rings, neighbours)?;
+        Ok((record, reader.damaged()))
+    });
+    match &found {
+        Ok((_, blobs)) => store::heed_blobs(store, *blobs),
+        Err(error) => store::heed(store, error),
+    }
+    found.map(|(record, _)| record)
+}
+
+/// What the store has of the run's tags and time, and after it what only the rings have.
+fn joined(
+    reader: &mut Reader,
+    id: &LoopId,
+    basis: &Basis,
+    rings: &Record,
+    neighbours: &[Neighbour],
+) -> Result<Record, StoreError> {
     let mut record = Record::default();
     for extent in &basis.extents {
         let own = basis::series(rings).find(|(tag, _)| *tag == extent.tag);
@@ -88,26 +107,80 @@ pub(super) fn whose(id: &LoopId, tag: &str, neighbours: &[Neighbour]) -> (String
 mod tests {
     use super::*;
     use crate::diagnosis::Settings;
-    use crate::store::{Batch, Config, Series, Store, TagName};
+    use crate::store::{Batch, Config, Series, Store, TagName, Upkeep};
+    use std::os::unix::fs::FileExt;
+    use std::path::{Path, PathBuf};
+
+    fn batch(source: &str, samples: &[Sample]) -> Batch {
+        let series = ["op", "pv"].map(|tag| {
+            let (control_loop, tag, source) = ("A".into(), tag.into(), source.into());
+            let name = TagName { control_loop, tag, source, unit: String::new() };
+            Series { tag: Arc::new(name), samples: samples.to_vec() }
+        });
+        Batch { series: series.to_vec(), rows: Vec::new() }
+    }
+
+    fn samples(from: u32, value: f64) -> Vec<Sample> {
+        (from..from + 1000).map(|t| Sample::good(f64::from(t), value)).collect()
+    }
+
+    fn empty_folder(name: &str) -> PathBuf {
+        let folder = std::env::temp_dir().join(format!("stictiond-recall-{name}-{}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&folder);
+        folder
+    }
+
+    /// Overwrites the first page of the samples.
+    fn a_page(folder: &Path) {
+        let path = folder.join("store.db");
+        let db = rusqlite::Connection::open(&path).expect("opens");
+        let sql = "SELECT rootpage FROM sqlite_schema WHERE name = 'chunks'";
+        let page: i64 = db.query_row(sql, [], |row| row.get(0)).expect("reads");
+        let file = std::fs::OpenOptions::new().write(true).open(path).expect("there");
+        file.write_all_at(&[0x5a; 8192], (page as u64 - 1) * 8192).expect("writable");
+    }
+
+    /// Puts something else into the place of some samples, as a page would that is damaged where the database does not look.
+    fn a_blob(folder: &Path) {
+        let db = rusqlite::Connection::open(folder.join("store.db")).expect("opens");
+        db.execute("UPDATE chunks SET samples = zeroblob(40)", []).expect("writes");
+    }
+
+    /// The store was opened before all of it was looked at, and the run is the first to read there.
+    #[test]
+    fn a_run_that_comes_upon_damage_has_the_store_fail() {
+        for (what, hurt) in [("page", a_page as fn(&Path)), ("blob", a_blob as fn(&Path))] {
+            let folder = empty_folder(what);
+            let upkeep = Upkeep { at_once: 1, each: 0, ..Upkeep::default() };
+            let config = Config { upkeep, ..Config::new(&folder) };
+            let record = Record { op: samples(1000, 1.0), pv: samples(1000, 1.0), ..Record::default() };
+            let mut store = Store::open(&config).expect("opens");
+            store.insert(&batch("a", &record.op)).expect("writes");
+            drop(store);
+            let mut store = Store::open(&config).expect("opens");
+            // It looks at what is old now, and not again for a minute.
+            store.tidy(2000.0).expect("tidies");
+            let snapshot: Snapshot = Arc::new(|_: &LoopId| Some(Record::default()));
+            let recall = recall(snapshot, Some(config.clone()), HashMap::new());
+            let basis = Basis::of(&record, &Settings::default(), None);
+            assert_eq!(recall(&LoopId::new("A"), &basis), Some(record), "it is whole");
+            assert!(!store::is_damaged(&config));
+            hurt(&folder);
+            store.tidy(2001.0).expect("nobody knows yet");
+            assert_eq!(recall(&LoopId::new("A"), &basis), None, "{what}");
+            assert!(store::is_damaged(&config), "{what}");
+            assert!(store.tidy(2002.0).is_err_and(|error| error.is_damage()), "{what}: it works on");
+            drop(store);
+            std::fs::remove_dir_all(&folder).expect("it was made");
+        }
+    }
 
     #[test]
     fn a_run_of_before_the_clock_was_set_back_finds_its_own_samples() {
-        let folder = std::env::temp_dir().join(format!("stictiond-recall-{}", std::process::id()));
-        let _ = std::fs::remove_dir_all(&folder);
+        let folder = empty_folder("back");
         let config = Config::new(&folder);
-        let at = |from: u32, value: f64| -> Vec<Sample> {
-            (from..from + 1000).map(|t| Sample::good(f64::from(t), value)).collect()
-        };
-        let batch = |source: &str, samples: &[Sample]| {
-            let series = ["op", "pv"].map(|tag| {
-                let (control_loop, tag, source) = ("A".into(), tag.into(), source.into());
-                let name = TagName { control_loop, tag, source, unit: String::new() };
-                Series { tag: Arc::new(name), samples: samples.to_vec() }
-            });
-            Batch { series: series.to_vec(), rows: Vec::new() }
-        };
         // The same hour three times: as it was, from another register, and after the clock was set back.
-        let (first, elsewhere, again) = (at(1000, 1.0), at(1400, 2.0), at(1200, 3.0));
+        let (first, elsewhere, again) = (samples(1000, 1.0), samples(1400, 2.0), samples(1200, 3.0));
         let mut store = Store::open(&config).expect("opens");
         store.write(&batch("a", &first)).expect("writes");
         store.write(&batch("b", &elsewhere)).expect("writes");

@@ -266,6 +266,8 @@ fn store(registry: &mut Registry, context: &Context, now: f64) {
     let state = ask();
     let working = f64::from(u8::from(state.failing.is_none()));
     gauge(registry, "store_working", "1 while what is new is made durable, 0 while the store fails", working);
+    let checked = state.checked.unwrap_or(if state.failing.is_none() { 1.0 } else { 0.0 });
+    gauge(registry, "store_checked_ratio", "Share compared with its checksums (0..1)", checked);
     if let Some(at) = state.written_at {
         gauge(
             registry,

@@ -212,6 +212,12 @@ pub struct DeviceState {
 pub struct StoreState {
     /// Why it fails, and since when (s); `None` while it works.
     pub failing: Option<(String, f64)>,
+    /// It fails because it is damaged, and goes on failing until somebody decides.
+    pub is_damaged: bool,
+    /// Records of states of alarms, their changes and models that were lost by that, as far as it is known.
+    pub lost_states: u64,
+    /// The share of its files that was compared with their checksums since the start (0..1); `None` once all of them were.
+    pub checked: Option<f64>,
     /// Why what is new waits on disk for a database elsewhere, and since when (s); `None` while it need not.
     pub spooling: Option<(String, f64)>,
     /// Whether that database is there, and bytes that wait for it; `None` for a store in a folder.

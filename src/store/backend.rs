@@ -101,9 +101,15 @@ impl Store {
         self.0.usage()
     }
 
-    /// Samples refused because no key holds their stamp, and chunks replaced because their bytes were damaged.
+    /// Samples refused because no key holds their stamp, and blobs found damaged.
     pub fn refused_and_damaged(&self) -> (u64, u64) {
         self.0.refused_and_damaged()
+    }
+
+    /// The share of its files in the folder that was compared with their checksums since it was opened (0..1); `None` once all
+    /// of them were.
+    pub fn checked(&self) -> Option<f64> {
+        self.0.checked()
     }
 
     /// What waits for a database elsewhere; `None` for a store in a folder.

@@ -55,6 +55,28 @@ pub struct Config {
     /// Most memory for diagnoses and alarms that wait while the store fails (MB).
     #[serde(default = "default_queue_mb")]
     pub queue_mb: u64,
+    /// How it looks after its files. It is no key: tests have small stores behave as large ones.
+    #[serde(skip)]
+    pub upkeep: Upkeep,
+}
+
+/// How a store in a folder looks after its files (pages of 8 KiB).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Upkeep {
+    /// Pages that are compared with their checksums before the store is opened. The others are compared bit by bit.
+    pub at_once: u32,
+    /// Pages that are compared each time the write-ahead log is carried over into the database.
+    pub each: u32,
+    /// Pages of the log after which it is carried over.
+    pub log: u32,
+}
+
+impl Default for Upkeep {
+    /// 512 MB before it is opened, which takes half a second; 32 MB each time, so that 20 GB take ten hours; a log of 8 MB, so
+    /// that little hangs on one file.
+    fn default() -> Self {
+        Self { at_once: 65_536, each: 4096, log: 1000 }
+    }
 }
 
 fn default_schema() -> String {
@@ -121,6 +143,7 @@ impl Config {
             sync_ms: default_sync_ms(),
             chunk_s: default_chunk_s(),
             queue_mb: default_queue_mb(),
+            upkeep: Upkeep::default(),
         }
     }
 

@@ -14,7 +14,8 @@
 //!   FULL: each commit waits for the disk). A batch is there whole or not at all.
 //! - Nothing is there twice: the key of a sample is tag and stamp, of a run loop and time. Writing again changes nothing;
 //!   only a good sample takes the place of one that is not.
-//! - A blob that was damaged on disk is noticed by its checksum and left out, never read as something else.
+//! - A blob that was damaged on disk is noticed by its checksum and left out, never read as something else, and never written
+//!   over: the store fails until somebody decides.
 //! - The database stays below [`Config::max_mb`]; what waits to be written is bounded too.
 //! - A clock that is set back begins another era: its samples never mix with those that were stamped before.
 //!
@@ -36,7 +37,7 @@ mod writer;
 
 pub use backend::{Found, Opener, Point, Reader, Spool, Store, StoredTag, Usage, Writes};
 pub use check::{Checked, Repaired, check, check_of, repair};
-pub use config::Config;
+pub use config::{Config, Upkeep};
 pub use rows::{AlarmRow, Batch, DiagnosisRow, ModelRow, Row, Series, TagName, TransitionRow, pack, unpack};
 pub use walk::first_start;
 pub use writer::{Driven, Feed, Flusher, Status, Writer};
@@ -117,6 +118,14 @@ impl StoreError {
         }
     }
 
+    /// What is damaged, where that is why.
+    pub fn damage(&self) -> Option<String> {
+        match self {
+            Self::Damaged(why) => Some(why.clone()),
+            error => error.is_damage().then(|| error.to_string()),
+        }
+    }
+
     fn io(path: &Path) -> impl FnOnce(io::Error) -> Self {
         let path = path.to_path_buf();
         move |source| Self::Io { path, source }
@@ -127,6 +136,20 @@ impl StoreError {
 pub fn mark_damaged(config: &Config, why: &str) -> StoreError {
     embedded::mark(&config.folder, why);
     StoreError::Damaged(why.to_string())
+}
+
+/// Has the store in a folder fail where whoever reads it comes upon damage: nobody else may have read there since it was opened.
+pub fn heed(config: &Config, error: &StoreError) {
+    if let Some(why) = error.damage() {
+        embedded::mark(&config.folder, &why);
+    }
+}
+
+/// As [`heed`], of so many blobs of samples that a reader had to leave out.
+pub fn heed_blobs(config: &Config, blobs: u64) {
+    if blobs > 0 {
+        embedded::mark(&config.folder, &format!("{blobs} blobs of samples are damaged"));
+    }
 }
 
 /// Whether the store in a folder is known to be damaged, and nobody has decided yet.

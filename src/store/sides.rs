@@ -84,6 +84,10 @@ pub trait Writes: Send + Debug {
     fn usage(&self) -> Result<Usage, StoreError>;
     /// See [`Store::refused_and_damaged`].
     fn refused_and_damaged(&self) -> (u64, u64);
+    /// See [`Store::checked`].
+    fn checked(&self) -> Option<f64> {
+        None
+    }
     /// See [`Store::spool`].
     fn spool(&self) -> Option<Spool> {
         None

@@ -1,7 +1,7 @@
 //! The one thread that writes. It asks for what is new at a steady pace, makes it durable, tidies up, and when the store
 //! fails tries again, from a fresh opening, until it works: nobody else ever waits for the disk.
 
-use super::{Batch, Config, Found, Opener, Reader, Spool, Store, StoreError, Usage, embedded};
+use super::{Batch, Config, Found, Opener, Reader, Spool, Store, StoreError, Usage, heed};
 use std::collections::VecDeque;
 use std::io;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -40,6 +40,10 @@ pub trait Feed: Send + 'static {
 pub struct Status {
     /// Why it fails, and since when (s); `None` while it works.
     pub failing: Option<(String, f64)>,
+    /// It fails because it is damaged: it goes on failing until somebody decides.
+    pub is_damaged: bool,
+    /// The share of its files that was compared with their checksums since it was opened (0..1); `None` once all of them were.
+    pub checked: Option<f64>,
     /// When something was last made durable (s), as far as there was anything.
     pub written_at: Option<f64>,
     /// Samples made durable since the start.
@@ -374,6 +378,8 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
                     Err(error) if error.is_full() => store.make_room(now).and_then(|_| store.insert(&batch)),
                     done => done,
                 }
+                // The next round finds it marked.
+                .inspect_err(|error| heed(&self.config, error))
                 .map_err(|error| error.to_string()),
                 None => Err("the store fails; its log says why".to_string()),
             };
@@ -387,6 +393,7 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
             store.begin_era();
             self.era = store.era();
         }
+        self.shared.lock().status.checked = store.checked();
         self.store = Some(store);
         self.looked = None;
     }
@@ -400,8 +407,10 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
         let (refused, damaged) = self.store.as_ref().map(Store::refused_and_damaged).unwrap_or_default();
         self.pause = PAUSES.0;
         let spool = self.store.as_ref().and_then(Store::spool);
+        let checked = self.store.as_ref().and_then(Store::checked);
         let mut inner = self.shared.lock();
         let status = &mut inner.status;
+        (status.is_damaged, status.checked) = (false, checked);
         let since = status.spool.as_ref().and_then(|(_, since)| *since).unwrap_or(now);
         status.spool = spool.map(|spool| {
             let since = (spool.away.is_some() || spool.waits).then_some(since);
@@ -427,9 +436,7 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
             let (refused, damaged) = store.refused_and_damaged();
             self.counted = (self.counted.0 + refused, self.counted.1 + damaged);
         }
-        if error.is_damage() {
-            embedded::mark(&self.config.folder, &error.to_string());
-        }
+        heed(&self.config, error);
         let text = error.to_string();
         let mut inner = self.shared.lock();
         let status = &mut inner.status;
@@ -442,6 +449,9 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
         }
         let since = status.failing.take().map_or(now, |(_, since)| since);
         status.failing = Some((text, since));
+        status.is_damaged = error.is_damage();
+        // Whatever is opened next begins anew to be looked at.
+        status.checked = None;
         drop(inner);
         self.pause = (self.pause * 2).min(PAUSES.1);
     }

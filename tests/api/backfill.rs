@@ -379,3 +379,46 @@ async fn a_table_is_diagnosed_in_place_of_the_store() {
     stop(daemon).await;
     std::fs::remove_dir_all(&folder).expect("it was made");
 }
+
+/// A file whose OP is in another unit than that of the loop: f would be told a hundred times, or six times, too small.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_file_whose_op_is_not_in_the_configured_unit_fails_with_what_contradicts() {
+    let (folder, (address, _)) = (folder("units"), device().await);
+    std::fs::create_dir_all(&folder).expect("writable");
+    let mut own = config(&[address], &[("A", 0, 20)]);
+    own.tables.folder = Some(folder.clone());
+    let daemon = start(own, Clock::plant(START, 20.0), sticky_at_ten()).await;
+    let mut events = Events::open(daemon.address).await;
+    for (name, header, scale, offset, said) in [
+        (
+            "share.csv",
+            "OP",
+            0.01,
+            0.0,
+            Some("its values look like a span of 1, and the configuration tells a span of 100"),
+        ),
+        ("milli.csv", "OP [mA]", 0.16, 4.0, Some("op_span = 100 contradicts OP's unit \"mA\"")),
+        ("percent.csv", "OP [%]", 1.0, 0.0, None),
+    ] {
+        let row = |i: u32| {
+            let op = offset + scale * (50.0 + f64::from(i % 11));
+            format!("2026-06-01 06:{:02}:{:02},{op:.4},{}\n", i / 60, i % 60, i % 100)
+        };
+        let rows: String = (0..1800).map(row).collect();
+        std::fs::write(folder.join(name), format!("t,{header},PV\n{rows}")).expect("writable");
+        let body = format!("{{\"loop\":\"A\",\"file\":\"{name}\",\"window_s\":600,\"step_s\":300}}");
+        assert_eq!(post(daemon.address, BACKFILL, &body).await.status, 202, "{name}");
+        until(&mut events, if said.is_some() { "failed" } else { "done" }).await;
+        let job = daemon.json(BACKFILL).await;
+        match said {
+            Some(said) => {
+                assert!(job["error"].as_str().is_some_and(|why| why.contains(said)), "{name}: {job}");
+            }
+            None => {
+                assert!(job["report"]["items"].as_array().is_some_and(|items| !items.is_empty()), "{job}")
+            }
+        }
+    }
+    stop(daemon).await;
+    std::fs::remove_dir_all(&folder).expect("it was made");
+}

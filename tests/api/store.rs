@@ -4,11 +4,12 @@ use crate::app::{Daemon, config, device, heard, start_at};
 use crate::http::{Events, get, post};
 use crate::postgres::Cluster;
 use crate::rig::START;
-use std::path::PathBuf;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 use stictiond::config::Config;
 use stictiond::schedule::Clock;
-use stictiond::store::{self, Reader, check};
+use stictiond::store::{self, Reader, Upkeep, check};
 
 /// A device that counts its requests counts one that we gave up too: on a busy machine none may be given up. A time-out is
 /// at most the time between two polls, so these come less often.
@@ -181,6 +182,147 @@ async fn a_store_that_cannot_be_opened_is_said_and_taken_up_when_it_can() {
     let first = first.as_str().and_then(stictiond::serve::dto::parse_time).expect("a time");
     assert!((kept[0].t - first).abs() < 1e-3, "from the first sample on: {} and {first}", kept[0].t);
     assert!(!reader.last_diagnoses("A", 10).expect("can be read").is_empty());
+}
+
+/// Overwrites the first page of a table.
+fn overwrite(folder: &Path, table: &str) {
+    let path = folder.join("store.db");
+    let db = rusqlite::Connection::open(&path).expect("opens");
+    let sql = "SELECT rootpage FROM sqlite_schema WHERE name = ?1";
+    let page: i64 = db.query_row(sql, [table], |row| row.get(0)).expect("a table");
+    drop(db);
+    let file = std::fs::OpenOptions::new().write(true).open(path).expect("there");
+    file.write_all_at(&[0x5a; 8192], (page as u64 - 1) * 8192).expect("writable");
+}
+
+/// Records of the second copy of the states: each begins with the length of its text, and its head has 16 bytes.
+fn records(bytes: &[u8]) -> u64 {
+    let (mut at, mut count) = (0, 0);
+    while let Some(length) = bytes.get(at..at + 4) {
+        at += 16 + u32::from_le_bytes(length.try_into().expect("four")) as usize;
+        count += 1;
+    }
+    count
+}
+
+fn lost_states(count: u64) -> String {
+    format!("stictiond_store_events_total{{event=\"lost_states\"}} {count}.0\n")
+}
+
+/// The states of its alarms are overwritten, and their second copy is gone.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_damaged_store_is_said_with_what_is_lost_over_restarts_until_somebody_decides() {
+    let (folder, (address, _)) = (Folder::new("damaged"), device().await);
+    let mut own = config(&[address], &[("A", 0, 10)]);
+    own.store = Some(folder.config());
+    let daemon = start_at(own.clone(), Clock::plant(START, 20.0)).await;
+    let mut events = Events::open(daemon.address).await;
+    heard(&mut events, "alarm", "A").await;
+    stop(daemon).await;
+    overwrite(&folder.0, "alarms");
+    let copy = folder.0.join("states.log");
+    let lost = records(&std::fs::read(&copy).expect("there"));
+    assert!(lost > 3, "two tags, an alarm and its change: {lost}");
+    std::fs::write(&copy, "").expect("writable");
+
+    for later in [1000.0, 2000.0] {
+        let daemon = start_at(own.clone(), Clock::plant(START + later, 20.0)).await;
+        let failing = until(&daemon, "fails", |store| store["state"] == "failing").await;
+        let reason = failing["reason"].as_str().expect("a reason");
+        let told = format!("{lost} records are lost");
+        for part in ["pages are not what was written", "stictiond store check --repair", &told] {
+            assert!(reason.contains(part), "{part}: {reason}");
+        }
+        assert_eq!(failing["damaged"].as_bool(), Some(true), "{failing}");
+        assert_eq!(failing["lost_states"].as_u64(), Some(lost), "{failing}");
+        assert!(failing["since"].is_string() && failing["written"].is_null(), "{failing}");
+        let metrics = get(daemon.address, "/metrics").await.text();
+        for line in ["stictiond_store_working 0.0\n", &lost_states(lost)] {
+            assert!(metrics.contains(line), "{line}: {metrics}");
+        }
+        // It goes on from memory all the same.
+        let mut events = Events::open(daemon.address).await;
+        heard(&mut events, "diagnosis", "A").await;
+        stop(daemon).await;
+    }
+
+    store::repair(&folder.config()).expect("repaired");
+    let daemon = start_at(own, Clock::plant(START + 3000.0, 20.0)).await;
+    let working = until(&daemon, "works", |store| !store["written"].is_null()).await;
+    assert_eq!((working["state"].as_str(), working["damaged"].as_bool()), (Some("working"), Some(false)));
+    assert_eq!(working["lost_states"].as_u64(), Some(0));
+    assert!(get(daemon.address, "/metrics").await.text().contains(&lost_states(0)));
+    stop(daemon).await;
+}
+
+/// Nobody reads the page that is overwritten, and nothing is written to it: only who compares all pages finds it.
+#[tokio::test(flavor = "multi_thread")]
+async fn damage_under_a_running_daemon_is_found_and_what_people_did_before_is_back() {
+    let (folder, (address, _)) = (Folder::new("rotten"), device().await);
+    let mut own = config(&[address], &[("A", 0, 10)]);
+    let upkeep = Upkeep { log: 4, ..Upkeep::default() };
+    own.store = Some(store::Config { upkeep, ..folder.config() });
+    let daemon = start_at(own.clone(), Clock::plant(START, 20.0)).await;
+    let mut events = Events::open(daemon.address).await;
+    heard(&mut events, "alarm", "A").await;
+    let acked = post(daemon.address, "/api/v1/alarms/A/ack", "{\"by\":\"eve\"}").await;
+    assert_eq!((acked.status, acked.json()["survives_restart"].as_bool()), (200, Some(true)));
+    until(&daemon, "works", |store| store["state"] == "working" && store["damaged"] == false).await;
+    overwrite(&folder.0, "known_models");
+    let failing = until(&daemon, "fails", |store| store["state"] == "failing").await;
+    let is_told = |store: &serde_json::Value| {
+        let reason = store["reason"].as_str().unwrap_or_default();
+        store["damaged"] == true && reason.contains("page") && reason.contains("is not what was written")
+    };
+    assert!(is_told(&failing), "{failing}");
+    let metrics = get(daemon.address, "/metrics").await.text();
+    for line in ["stictiond_store_working 0.0\n", &lost_states(0)] {
+        assert!(metrics.contains(line), "{line}: {metrics}");
+    }
+    let shelving = "{\"by\":\"eve\",\"comment\":\"later\",\"duration_s\":3600}";
+    let shelved = post(daemon.address, "/api/v1/alarms/A/shelve", shelving).await;
+    assert_eq!((shelved.status, shelved.json()["survives_restart"].as_bool()), (200, Some(false)));
+    stop(daemon).await;
+
+    let daemon = start_at(own, Clock::plant(START + 1000.0, 20.0)).await;
+    let failing = until(&daemon, "fails", |store| store["state"] == "failing").await;
+    assert!(is_told(&failing) && failing["lost_states"] == 0, "{failing}");
+    assert_eq!(daemon.json("/api/v1/loops/A").await["alarm"], "acknowledged");
+    stop(daemon).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_store_of_which_not_all_was_compared_yet_is_checking() {
+    let (folder, (address, _)) = (Folder::new("large"), device().await);
+    let mut own = config(&[address], &[("A", 0, 10)]);
+    own.store = Some(folder.config());
+    let daemon = start_at(own.clone(), Clock::plant(START, 20.0)).await;
+    let new = until(&daemon, "works", |store| !store["written"].is_null()).await;
+    assert_eq!((new["state"].as_str(), &new["checked"]), (Some("working"), &serde_json::Value::Null));
+    stop(daemon).await;
+
+    // As large as if one page were 512 MB.
+    let started = |each: u32, later: f64| {
+        let upkeep = Upkeep { at_once: 1, each, ..Upkeep::default() };
+        let mut own = own.clone();
+        own.store = Some(store::Config { upkeep, ..folder.config() });
+        start_at(own, Clock::plant(START + later, 20.0))
+    };
+    let daemon = started(0, 1000.0).await;
+    let checking = until(&daemon, "works", |store| !store["written"].is_null()).await;
+    assert_eq!(checking["state"], "checking", "{checking}");
+    assert!(checking["checked"].as_f64().is_some_and(|share| share > 0.0 && share < 0.5), "{checking}");
+    assert!(checking["reason"].is_null() && checking["damaged"] == false, "{checking}");
+    let metrics = get(daemon.address, "/metrics").await.text();
+    for line in ["stictiond_store_working 1.0\n", "stictiond_store_checked_ratio 0."] {
+        assert!(metrics.contains(line), "{line}: {metrics}");
+    }
+    stop(daemon).await;
+    let daemon = started(4096, 2000.0).await;
+    let working = until(&daemon, "works", |store| !store["written"].is_null()).await;
+    assert_eq!((working["state"].as_str(), &working["checked"]), (Some("working"), &serde_json::Value::Null));
+    assert!(get(daemon.address, "/metrics").await.text().contains("stictiond_store_checked_ratio 1.0\n"));
+    stop(daemon).await;
 }
 
 /// The database goes away under the whole daemon, which is ended meanwhile and started again without it.

@@ -1,4 +1,4 @@
-"""Walks through the dashboard in headless Chromium. Usage: dashboard.py walk|trouble|access|receivers|speed|swinging BASE OUT
+"""Walks through the dashboard in headless Chromium. Usage: dashboard.py walk|trouble|store|access|receivers|speed|swinging BASE OUT
 
 Screenshots go to OUT. Every check says what it saw; the first that fails ends the walk with exit code 1.
 """
@@ -13,7 +13,7 @@ from pathlib import Path
 from playwright.sync_api import expect, sync_playwright
 
 from swinging import swinging
-from trouble import trouble
+from trouble import store, trouble
 from walk import Walk, check
 
 PASSWORD = "a password for tests"
@@ -517,7 +517,7 @@ def told(walk):
     print("ok: all are sent again by keyboard alone")
 
 
-PARTS = {"swinging": [swinging], "trouble": trouble, "access": [access], "receivers": [told], "walk": [plant, one_loop, opinions, acknowledge, looks, report], "speed": [speed]}
+PARTS = {"swinging": [swinging], "trouble": trouble, "store": [store], "access": [access], "receivers": [told], "walk": [plant, one_loop, opinions, acknowledge, looks, report], "speed": [speed]}
 
 
 def main():

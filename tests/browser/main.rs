@@ -6,7 +6,7 @@ mod rig;
 #[path = "../swinging/mod.rs"]
 mod swinging;
 
-use rig::{Rig, crowd, guarded, plant};
+use rig::{Rig, crowd, damaged, guarded, plant};
 use std::path::Path;
 use std::time::Duration;
 use stictiond::app::App;
@@ -49,6 +49,13 @@ async fn what_failed_is_asked_for_again_and_what_is_bad_or_of_another_time_is_sh
 async fn who_logs_in_may_do_what_their_role_says() {
     let rig = guarded().await;
     browse(&rig, "access").await;
+    rig.stop.cancel();
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_store_that_is_damaged_stands_above_every_view_until_it_works() {
+    let rig = damaged().await;
+    browse(&rig, "store").await;
     rig.stop.cancel();
 }
 

@@ -15,7 +15,7 @@ use stictiond::diagnosis::{
 use stictiond::history::{self, History, LoopTags, TagKind, TagSpec};
 use stictiond::results::Results;
 use stictiond::schedule::{self, Clock, Diagnose, Job, Plan, Scheduler};
-use stictiond::serve::{self, Context, DeviceState, Facts, LoopInfo, Plant, Setting};
+use stictiond::serve::{self, AskStore, Context, DeviceState, Facts, LoopInfo, Plant, Setting, StoreState};
 use stictiond::signal::{LoopId, Role, Sample};
 use stictiond::sim::{Recording, demo_plant, plant::record};
 use tokio::net::TcpListener;
@@ -45,6 +45,7 @@ struct Parts {
     samples: usize,
     diagnose: Diagnose,
     door: Option<Arc<Access>>,
+    store: Option<AskStore>,
 }
 
 /// Serves what the parts describe; hands back the history, for who fills it, and the scheduler.
@@ -87,6 +88,7 @@ async fn serve(parts: Parts) -> (Rig, Arc<History>, Arc<Scheduler>) {
     let context =
         Context::new(serve::Config::default(), clock, results, scheduler.clone(), plant, stop.clone())
             .with_access(parts.door)
+            .with_store(parts.store)
             .with_plantwide(Arc::new(Orders(if crowd { ids } else { Vec::new() })))
             .with_audit(audit);
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
@@ -129,6 +131,7 @@ pub async fn plant() -> Rig {
         samples: 4096,
         diagnose: App::diagnosis(),
         door: None,
+        store: None,
     };
     let (rig, history, scheduler) = serve(parts).await;
     // The demo is polled at every fourth sample of its controllers; the first 2,000 s are its way into the swing.
@@ -163,7 +166,15 @@ pub async fn plant() -> Rig {
 
 /// Very many loops, one in twenty sticking, with made-up diagnoses.
 pub async fn crowd(n: usize) -> Rig {
-    crowd_behind(n, None).await
+    crowd_behind(n, None, None).await
+}
+
+/// Some loops and a store that is damaged; what is lost of it has a name in it that would act if it ever became markup.
+pub async fn damaged() -> Rig {
+    let why = format!("the store is damaged: page 7 of {NASTY} is not what was written");
+    let state =
+        StoreState { failing: Some((why, START)), is_damaged: true, lost_states: 3, ..StoreState::default() };
+    crowd_behind(4, None, Some(Arc::new(move || state.clone()))).await
 }
 
 /// The password of every user of `guarded`.
@@ -180,10 +191,10 @@ pub async fn guarded() -> Rig {
         book.add_user(name, Roles::of(&[role]), hash).expect("added");
     }
     let access = Access::new(access::Config::new("unused".into()), book);
-    crowd_behind(20, Some(Arc::new(access))).await
+    crowd_behind(20, Some(Arc::new(access)), None).await
 }
 
-async fn crowd_behind(n: usize, door: Option<Arc<Access>>) -> Rig {
+async fn crowd_behind(n: usize, door: Option<Arc<Access>>, store: Option<AskStore>) -> Rig {
     let id = |at: usize| LoopId::new(format!("FIC{at:05}"));
     let tags = (0..n).map(|at| LoopTags {
         id: id(at),
@@ -206,6 +217,7 @@ async fn crowd_behind(n: usize, door: Option<Arc<Access>>) -> Rig {
         samples: 200,
         diagnose: Arc::new(|record, _, _| made_up(record.op_limits.map_or(0, |(at, _)| at as usize)).into()),
         door,
+        store,
     };
     let (rig, _, scheduler) = serve(parts).await;
     for at in 0..n {

@@ -9,6 +9,7 @@ from walk import check
 
 BUSY = {"type": "urn:stictiond:problem:busy", "detail": "too much at once"}
 SAMPLES = re.compile(r"/api/v1/loops/FIC102/samples\?")
+HEALTH = "**/api/v1/healthz"
 
 # Live samples come from the test alone, which hands them to the newest stream by `say`; what is done every half minute is done at once.
 SCRIPT = """(() => {
@@ -137,6 +138,44 @@ def no_unit(walk):
     expect(page.get_by_text("6 of 6 loops, worst first")).to_be_visible()
     expect(only).to_be_hidden()
     print("ok: loops without a unit are a choice of their own")
+
+
+def store(walk):
+    """A store that is damaged: what is said of it above every view, in both colours and on a phone; then it only fails, then it works."""
+    for name, width, height, scheme in [("light", 1440, 900, "light"), ("dark", 1440, 900, "dark"), ("phone", 390, 844, "light")]:
+        page = walk.open(width, height, scheme)
+        for route in ("", "alarms"):
+            walk.go(route)
+            said = page.get_by_role("alert")
+            expect(said).to_be_visible()
+            expect(said).to_contain_text("The store is damaged: nothing is written to it.")
+            expect(said).to_contain_text("page 7 of <img src=x onerror=alert(1)> is not what was written")
+            expect(said).to_contain_text("3 records of alarms and models are lost.")
+            expect(said).to_contain_text("stictiond store check --repair")
+        check(page.locator("#store img").count() == 0, "what is said of the store is text")
+        walk.axe(f"a damaged store, {name}")
+        walk.shot(f"store-{name}")
+        if width < 500:
+            walk.fits("a damaged store on a phone")
+
+    def answers(**other):
+        def patched(route):
+            answer = route.fetch().json()
+            answer["store"].update(other)
+            route.fulfill(json=answer)
+
+        page.unroute(HEALTH)
+        page.route(HEALTH, patched)
+
+    answers(damaged=False, reason="the disk is full", lost_states=0)
+    expect(said).to_contain_text("The store fails: nothing is written to it.")
+    expect(said).to_contain_text("the disk is full")
+    expect(said).to_contain_text("Check that its disk is there and has room")
+    expect(said).not_to_contain_text("--repair")
+    answers(state="working", damaged=False, reason=None, since=None, lost_states=0)
+    expect(page.locator("#store")).to_be_hidden()
+    page.unroute(HEALTH)
+    print("ok: it goes when the store works again")
 
 
 trouble = [changes, live, colours, no_unit]

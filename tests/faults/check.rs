@@ -1,6 +1,7 @@
-//! Samples held against what the devices said.
+//! Samples, and alarms on bad tags, held against what the devices said.
 
 use crate::network::{Network, TIMEOUT_S, Value};
+use crate::plant::{TAG_BAD_AFTER_S, TICK_S, devices};
 use crate::time::TimeLine;
 use crate::truth::Content;
 use stictiond::signal::Sample;
@@ -36,6 +37,30 @@ pub fn samples(content: &Content, network: &Network, time: &TimeLine) -> Result<
                     said.asked
                 ));
             }
+        }
+    }
+    Ok(())
+}
+
+/// No alarm on bad tags was raised though the devices of its loop answered every poll for nearly as long as a tag has to be bad;
+/// `steady` has the moments from which on the same daemon with the same configuration looked at them.
+pub fn causes(content: &Content, network: &Network, time: &TimeLine, steady: &[f64]) -> Result<(), String> {
+    let raised = |kind: &str, cause: &str| kind == "tag_bad" && cause == "raised";
+    for change in content.changes.iter().filter(|change| raised(&change.kind, &change.cause)) {
+        // A stamp that clocks showed more than once says nothing.
+        let moments = time.moments(change.at);
+        let &[at] = moments.as_slice() else { continue };
+        let from = at - (TAG_BAD_AFTER_S - TICK_S);
+        let begun = steady.iter().rev().find(|begun| **begun <= at);
+        if begun.is_none_or(|begun| from < begun + TICK_S) {
+            continue;
+        }
+        // What was asked for in this very moment may not have been looked at.
+        let to = at - 0.1 * TICK_S;
+        if devices(&change.control_loop).iter().all(|device| network.was_sound(*device, from, to)) {
+            return Err(format!(
+                "an alarm without a cause: {change:?}; its devices answered every poll from {from:.1} s on"
+            ));
         }
     }
     Ok(())

@@ -28,8 +28,12 @@ pub enum Bug {
     WritesTwice,
     /// The store makes a sample up.
     Invents,
-    /// The store raises an alarm by itself.
+    /// The store raises an alarm on stiction by itself.
     RaisesByItself,
+    /// The store raises an alarm on bad tags by itself.
+    RaisesTagBad,
+    /// The store acknowledges models and does not write them.
+    LosesModel,
     /// A device's answer is taken for the next one.
     TakesAnswerForNext,
 }
@@ -228,15 +232,19 @@ impl OnDisk {
 
     /// What it is asked to write: with a bug, alarms that nobody had a reason for.
     fn asked<'b>(&self, batch: &'b Batch) -> Cow<'b, Batch> {
-        let own = self.disk.lock().bug == Bug::RaisesByItself;
+        let kind = match self.disk.lock().bug {
+            Bug::RaisesByItself => "stiction",
+            Bug::RaisesTagBad => "tag_bad",
+            _ => return Cow::Borrowed(batch),
+        };
         let sound = batch.rows.iter().find_map(|row| match row {
-            Row::Diagnosis(run) if own && run.outcome == "no_stiction" => Some(run),
+            Row::Diagnosis(run) if run.outcome == "no_stiction" => Some(run),
             _ => None,
         });
         let Some(run) = sound else { return Cow::Borrowed(batch) };
         let raised = TransitionRow {
             control_loop: run.control_loop.clone(),
-            kind: "stiction".into(),
+            kind: kind.into(),
             at: run.finished,
             before: "normal".into(),
             after: "unacknowledged".into(),
@@ -266,7 +274,8 @@ impl OnDisk {
                     series.samples.extend(newest.map(|s| Sample::good(s.t + 0.5, s.value + 0.5)));
                 }
             }
-            Bug::None | Bug::RaisesByItself | Bug::TakesAnswerForNext => {}
+            Bug::LosesModel => given.rows.retain(|row| !matches!(row, Row::Model(_))),
+            Bug::None | Bug::RaisesByItself | Bug::RaisesTagBad | Bug::TakesAnswerForNext => {}
         }
         Some(given)
     }
@@ -342,6 +351,10 @@ impl Writes for OnDisk {
 
     fn refused_and_damaged(&self) -> (u64, u64) {
         self.store.refused_and_damaged()
+    }
+
+    fn checked(&self) -> Option<f64> {
+        self.store.checked()
     }
 
     fn spool(&self) -> Option<Spool> {

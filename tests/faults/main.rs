@@ -103,6 +103,8 @@ fn deliberate_bugs_are_found() {
         (Bug::WritesTwice, "nobody wrote"),
         (Bug::Invents, "nobody wrote"),
         (Bug::RaisesByItself, "without a cause"),
+        (Bug::RaisesTagBad, "answered every poll"),
+        (Bug::LosesModel, "model is lost"),
         (Bug::TakesAnswerForNext, "not at its stamp"),
     ] {
         let found = (1..40).find_map(|seed| tried(seed, bug, false).err());

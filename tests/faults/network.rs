@@ -3,6 +3,7 @@
 //! Every value that a device says is said once: its tag, whether the valve sticks, and a number. So of every sample it is
 //! known who said it, when, and whether it was meant to be believed.
 
+use crate::plant::POLL_S;
 use crate::time::TimeLine;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -18,6 +19,8 @@ use tokio::time::sleep;
 pub const TIMEOUT_S: f64 = 0.4;
 /// Pairs of registers that a device has.
 pub const PAIRS: usize = 8;
+/// An answer that comes late holds up those behind it for no longer (s).
+const LATE_S: f64 = 2.0;
 /// Values count up to this.
 const NUMBERS: u32 = 1 << 24;
 
@@ -95,6 +98,8 @@ struct Net {
     sticks: [bool; 2 * PAIRS],
     /// When a device answered soundly, and nothing was in the way (s).
     answered: [Vec<f64>; 2],
+    /// When something was in the way, or it did anything else (s).
+    troubled: [Vec<f64>; 2],
     /// A device that lies so that nobody can tell: the harness must.
     undetectable: bool,
     counts: BTreeMap<&'static str, u64>,
@@ -118,6 +123,7 @@ impl Network {
             faults: [0.0; 2],
             cut: [false; 2],
             answered: [Vec::new(), Vec::new()],
+            troubled: [Vec::new(), Vec::new()],
             undetectable,
             counts: BTreeMap::new(),
         };
@@ -140,6 +146,21 @@ impl Network {
     pub fn answered(&self, device: usize, until: f64) -> f64 {
         let net = self.lock();
         net.answered[device].iter().rev().find(|at| **at <= until).copied().unwrap_or(0.0)
+    }
+
+    /// Whether a device answered every poll between two moments (s), at once and soundly: then its tags were good.
+    pub fn was_sound(&self, device: usize, from: f64, to: f64) -> bool {
+        let net = self.lock();
+        let mut last = from;
+        let is_steady = |at: &f64| at - std::mem::replace(&mut last, *at) < 1.2 * POLL_S;
+        let answers = net.answered[device].iter().filter(|at| (from..=to).contains(*at));
+        let troubled = net.troubled[device].iter().any(|at| (from - LATE_S..=to).contains(at));
+        !troubled && answers.chain([&to]).all(is_steady)
+    }
+
+    fn trouble(&self, device: usize) {
+        let now = self.now();
+        self.lock().troubled[device].push(now);
     }
 
     pub fn set_faults(&self, device: usize, likely: f64) {
@@ -170,6 +191,7 @@ impl Network {
                 };
                 sleep(Duration::from_millis(takes)).await;
                 if cut {
+                    network.trouble(device);
                     return Err(io::ErrorKind::ConnectionRefused.into());
                 }
                 let (ours, theirs) = duplex(4096);
@@ -189,7 +211,11 @@ impl Network {
             let pdu = if is_rtu { &request[1..6] } else { &request[7..12] };
             let (function, start, count) = (pdu[0], word(pdu, 1), word(pdu, 3));
             let asked = self.now();
-            let does = self.draws(device)?;
+            let does = self.draws(device);
+            if does != Some(Does::Answers) {
+                self.trouble(device);
+            }
+            let does = does?;
             let head: &[u8] = if is_rtu { &request[..1] } else { &request[..7] };
             let answer = self.answer(device, head, (function, start, count), does, asked);
             self.send(device, &mut stream, does, &answer).await?;
@@ -302,6 +328,7 @@ impl Network {
         }
         // The link was cut meanwhile.
         if self.lock().cut[device] {
+            self.trouble(device);
             return None;
         }
         stream.write_all(answer).await.ok()?;

@@ -11,6 +11,11 @@ pub const LOOPS: [&str; 3] = ["A", "B", "C"];
 pub const KEEP: usize = 8;
 /// A device is down after so long without a good sample (s).
 pub const DOWN_AFTER_S: f64 = 12.0;
+/// An alarm tells of a bad tag after so long (s).
+pub const TAG_BAD_AFTER_S: f64 = 6.0;
+/// Time between two polls (s), and between two looks at what tags are like (s).
+pub const POLL_S: f64 = 1.0;
+pub const TICK_S: f64 = 1.0;
 /// Configurations that there are.
 pub const VARIANTS: usize = 4;
 
@@ -18,7 +23,7 @@ pub const VARIANTS: usize = 4;
 pub fn config(variant: usize, folder: &Path) -> Config {
     let mut text = format!(
         "[schedule]\nperiod_s = 7\nkeep_results = {KEEP}\n[history]\nsamples_per_tag = 400\n\
-         [alarm.collector_down]\nafter_s = {DOWN_AFTER_S:?}\n[alarm.tag_bad]\nafter_s = 6.0\n"
+         [alarm.collector_down]\nafter_s = {DOWN_AFTER_S:?}\n[alarm.tag_bad]\nafter_s = {TAG_BAD_AFTER_S:?}\n"
     );
     for (device, framing) in [("d0", "tcp"), ("d1", "rtu")] {
         text += &format!(
@@ -45,6 +50,11 @@ pub fn config(variant: usize, folder: &Path) -> Config {
     let mut config = config::parse("plant.toml", &text).unwrap_or_else(|wrong| panic!("{wrong:?}\n{text}"));
     config.store = Some(store::Config { chunk_s: 60, ..store::Config::new(folder) });
     config
+}
+
+/// The devices that a loop's tags are read from, whatever the configuration.
+pub fn devices(id: &str) -> &'static [usize] {
+    if id == "B" { &[0, 1] } else { &[0] }
 }
 
 /// What the daemon counts: by what is counted (`device`, `store`) and event.

@@ -16,6 +16,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use stictiond::alarm::{Cause, Kind};
 use stictiond::app::{App, Surroundings};
+use stictiond::results::MOST_CHANGES;
 use stictiond::schedule::Clock;
 use stictiond::signal::LoopId;
 use stictiond::store::Reader;
@@ -63,6 +64,7 @@ pub fn run(seed: u64, bug: Bug, told: bool) -> Result<Outcome, String> {
         counts: BTreeMap::new(),
         variant: 0,
         jumped: false,
+        steady: Vec::new(),
         told,
     };
     world.live()
@@ -79,6 +81,8 @@ struct World {
     variant: usize,
     /// Clocks were set since the last round of the store.
     jumped: bool,
+    /// When lives and configurations began (s).
+    steady: Vec<f64>,
     /// Says what happens.
     told: bool,
 }
@@ -156,6 +160,7 @@ impl World {
         let content = Content::of(&mut reader)?;
         self.disk.truth(|truth: &mut Truth| truth.hold_against(&content))?;
         check::samples(&content, &self.network, &self.time())?;
+        check::causes(&content, &self.network, &self.time(), &self.steady)?;
         Ok(content)
     }
 
@@ -175,6 +180,7 @@ impl World {
         let running = app.clone();
         let task = tokio::spawn(async move { running.run(listener).await });
         let began = self.time().now();
+        self.steady.push(began);
         self.say("begins");
         // It is the first round that looks how late it is.
         self.jumped = true;
@@ -275,6 +281,8 @@ impl World {
         let config = plant::config(self.variant, &self.disk.folder());
         life.app.reload(config).await.map_err(|error| format!("a reload is refused: {error}"))?;
         self.jumped = false;
+        let now = self.time().now();
+        self.steady.push(now);
         Ok(())
     }
 
@@ -319,7 +327,11 @@ impl World {
             }
         }
         let now = self.time().now();
-        for change in results.alarm_log() {
+        let changes = results.alarm_log();
+        if changes.len() > MOST_CHANGES {
+            return Err(format!("{} changes are remembered, more than {MOST_CHANGES}", changes.len()));
+        }
+        for change in changes {
             if change.number <= life.seen || change.transition.cause != Cause::Raised {
                 continue;
             }

@@ -57,6 +57,16 @@ impl TimeLine {
         moments.rev().find(|moment| (from - NEAR_S..=to + NEAR_S).contains(moment))
     }
 
+    /// The moments at which clocks showed `stamp`.
+    pub fn moments(&self, stamp: f64) -> Vec<f64> {
+        let ends = self.ahead.iter().skip(1).map(|(end, _)| *end).chain([f64::INFINITY]);
+        let shown = self.ahead.iter().zip(ends).filter_map(|((begin, ahead), end)| {
+            let moment = stamp - ahead;
+            (begin - NEAR_S..=end + NEAR_S).contains(&moment).then_some(moment)
+        });
+        shown.collect()
+    }
+
     /// Whether clocks showed `stamp` at some moment between two.
     pub fn showed(&self, stamp: f64, from: f64, to: f64) -> bool {
         let ends = self.ahead.iter().skip(1).map(|(end, _)| *end).chain([f64::INFINITY]);

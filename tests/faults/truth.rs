@@ -1,9 +1,10 @@
 //! What the store was given and what it acknowledged, held against what is in it.
 
+use crate::plant::LOOPS;
 use std::collections::{BTreeMap, BTreeSet};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use stictiond::signal::Sample;
-use stictiond::store::{AlarmRow, Batch, Reader, Row, StoredTag, TagName, TransitionRow};
+use stictiond::store::{AlarmRow, Batch, ModelRow, Reader, Row, StoredTag, TagName, TransitionRow};
 
 /// Runs that an alarm looks back on, and how many of them must say stiction, as configured.
 const VOTES: (usize, usize) = (3, 2);
@@ -40,6 +41,8 @@ pub struct Truth {
     rows: Vec<Row>,
     known: BTreeSet<String>,
     alarms: BTreeMap<(String, String), AlarmRow>,
+    /// What was acknowledged, or found, as a version of a loop's model: the store keeps the first.
+    models: BTreeMap<(String, u64), Vec<ModelRow>>,
     /// What was tried since, and nobody knows whether it is there.
     doubts: Vec<Batch>,
     pub acknowledged: u64,
@@ -49,8 +52,10 @@ pub struct Truth {
 pub struct Content {
     pub samples: Vec<(StoredTag, Vec<Sample>)>,
     runs: Vec<Row>,
-    changes: Vec<TransitionRow>,
+    pub changes: Vec<TransitionRow>,
     alarms: Vec<AlarmRow>,
+    /// Of each loop the latest version.
+    models: Vec<ModelRow>,
 }
 
 impl Content {
@@ -75,11 +80,13 @@ impl Content {
         }
         let runs = reader.diagnoses(0, 100_000).map_err(read)?;
         let changes = reader.transitions(0, 100_000).map_err(read)?;
+        let models = LOOPS.iter().map(|id| reader.model(id)).collect::<Result<Vec<_>, _>>().map_err(read)?;
         Ok(Self {
             samples,
             runs: runs.into_iter().map(|(_, row)| Row::Diagnosis(row)).collect(),
             changes: changes.into_iter().map(|(_, row)| row).collect(),
             alarms: reader.alarms().map_err(read)?,
+            models: models.into_iter().flatten().collect(),
         })
     }
 }
@@ -102,9 +109,20 @@ impl Truth {
             if history(row).is_none_or(|name| self.known.insert(name)) {
                 self.rows.push(row.clone());
             }
-            if let Row::Alarm(alarm) = row {
-                self.alarms.insert((alarm.control_loop.clone(), alarm.kind.clone()), alarm.clone());
+            match row {
+                Row::Alarm(alarm) => {
+                    self.alarms.insert((alarm.control_loop.clone(), alarm.kind.clone()), alarm.clone());
+                }
+                Row::Model(model) => self.take_model(model),
+                Row::Diagnosis(_) | Row::Transition(_) => {}
             }
+        }
+    }
+
+    fn take_model(&mut self, model: &ModelRow) {
+        let known = self.models.entry((model.control_loop.clone(), model.version)).or_default();
+        if !known.contains(model) {
+            known.push(model.clone());
         }
     }
 
@@ -117,7 +135,7 @@ impl Truth {
     /// begin is copied or not, as threads fall.
     pub fn print(&self) -> u64 {
         let mut print = DefaultHasher::new();
-        format!("{:?} {:?} {:?}", self.samples, self.known, self.alarms).hash(&mut print);
+        format!("{:?} {:?} {:?} {:?}", self.samples, self.known, self.alarms, self.models).hash(&mut print);
         print.finish()
     }
 
@@ -131,6 +149,7 @@ impl Truth {
         self.hold_samples(content)?;
         self.hold_history(content)?;
         self.hold_alarms(content)?;
+        self.hold_models(content)?;
         self.hold_causes()?;
         self.doubts.clear();
         Ok(())
@@ -203,6 +222,26 @@ impl Truth {
             return Err(format!("an acknowledged state is lost: {lost:?}"));
         }
         self.alarms = there;
+        Ok(())
+    }
+
+    /// The model of each loop is of the latest version that was acknowledged, or of a later one that was under way.
+    fn hold_models(&mut self, content: &Content) -> Result<(), String> {
+        for row in &content.models {
+            let known = self.models.get(&(row.control_loop.clone(), row.version));
+            let is = |own: &Row| matches!(own, Row::Model(own) if own == row);
+            let doubted = self.doubts.iter().any(|batch| batch.rows.iter().any(is));
+            if !doubted && !known.is_some_and(|known| known.contains(row)) {
+                return Err(format!("a model is there that nobody wrote: {row:?}"));
+            }
+        }
+        for (control_loop, version) in self.models.keys() {
+            let there = content.models.iter().find(|row| row.control_loop == *control_loop);
+            if there.is_none_or(|row| row.version < *version) {
+                return Err(format!("an acknowledged model is lost: {control_loop} {version}, {there:?}"));
+            }
+        }
+        content.models.iter().for_each(|row| self.take_model(row));
         Ok(())
     }
 

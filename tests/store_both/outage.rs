@@ -381,9 +381,10 @@ fn the_commands_work_on_it_by_way_of_the_configuration() {
     std::fs::write(&config, store("stictiond") + plant).expect("writable");
     let (code, said) = stictiond(&["check", &config]);
     assert!(code == Some(2) && said.contains("there is no store"), "{said}");
-    Store::open(&own)
-        .and_then(|mut store| store.write(&batch(&tag("A", "op"), good(0..100))))
-        .expect("writes");
+    // What is imported has to have a date.
+    let dated = |s: &Sample| Sample { t: 1_763_700_000.0 + s.t, ..*s };
+    let samples = good(0..100).iter().map(dated).collect();
+    Store::open(&own).and_then(|mut store| store.write(&batch(&tag("A", "op"), samples))).expect("writes");
     let (code, said) = stictiond(&["check", &config]);
     assert!(code == Some(0) && said.contains("good, version 2") && said.contains("100 of 1 tags"), "{said}");
     assert_eq!(stictiond(&["export", &config, &file]).1, format!("{file}: 100 rows\n"));

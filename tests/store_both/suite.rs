@@ -273,7 +273,7 @@ pub fn what_is_exported_and_imported_is_the_same(place: &mut Place) {
                 Ok::<_, TableError>(())
             })
             .expect("reads");
-            assert_eq!(import.end().expect("writes"), 600);
+            assert_eq!(import.end().expect("writes").handed_on, 600);
         }
         assert_eq!(all_of(&place.beside()), all_of(&place.config()), "{format:?}");
     }

@@ -26,8 +26,15 @@ pub struct Health {
 /// How the store is. A daemon whose store fails goes on: nothing it measures is kept meanwhile but in memory.
 #[derive(Clone, Debug, Serialize, ToSchema)]
 pub struct StoreHealth {
-    /// `working`, `spooling` while what is new waits on disk for a database that is away or takes what waited, or `failing`.
+    /// `working`, `checking` while it works and not all of it was compared with its checksums since the start, `spooling` while
+    /// what is new waits on disk for a database that is away or takes what waited, or `failing`.
     pub state: &'static str,
+    /// It fails because it is damaged: nothing is written until somebody decides by `stictiond store check --repair`.
+    pub damaged: bool,
+    /// Records of states of alarms, their changes and models that were lost by that, as far as it is known.
+    pub lost_states: u64,
+    /// Share that was compared with its checksums since the start (0..1); null once all of it was, and while it fails.
+    pub checked: Option<f64>,
     /// Why it fails or spools; null while it works.
     pub reason: Option<String>,
     /// Since when; null while it works.
@@ -40,14 +47,18 @@ pub struct StoreHealth {
 
 impl From<&StoreState> for StoreHealth {
     fn from(store: &StoreState) -> Self {
-        let state = match (&store.failing, &store.spooling) {
-            (Some(_), _) => "failing",
-            (None, Some(_)) => "spooling",
-            (None, None) => "working",
+        let state = match (&store.failing, &store.spooling, store.checked) {
+            (Some(_), ..) => "failing",
+            (None, Some(_), _) => "spooling",
+            (None, None, Some(_)) => "checking",
+            (None, None, None) => "working",
         };
         let failing = store.failing.as_ref().or(store.spooling.as_ref());
         Self {
             state,
+            damaged: store.is_damaged,
+            lost_states: store.lost_states,
+            checked: store.checked.and_then(finite),
             reason: failing.map(|(reason, _)| reason.clone()),
             since: failing.and_then(|(_, since)| rfc3339(*since)),
             written: store.written_at.and_then(rfc3339),

@@ -39,6 +39,7 @@ const FILES: &[(&str, &str, &str)] = &[
     ("/js/session.js", SCRIPT, include_str!("assets/js/session.js")),
     ("/js/settings.js", SCRIPT, include_str!("assets/js/settings.js")),
     ("/js/states.js", SCRIPT, include_str!("assets/js/states.js")),
+    ("/js/store.js", SCRIPT, include_str!("assets/js/store.js")),
     ("/js/svg.js", SCRIPT, include_str!("assets/js/svg.js")),
     ("/js/tiles.js", SCRIPT, include_str!("assets/js/tiles.js")),
     ("/js/trend.js", SCRIPT, include_str!("assets/js/trend.js")),

@@ -10,8 +10,9 @@
 //! not compared, for the log is what counts of it.
 
 use super::DATABASE;
+use super::frames::{Log, log_of};
 use super::write::{self, PAGE_BYTES};
-use crate::store::StoreError;
+use crate::store::{StoreError, Upkeep};
 use std::collections::HashSet;
 use std::fs::{self, File, OpenOptions};
 use std::io;
@@ -25,11 +26,6 @@ const ACKNOWLEDGED: &str = "store.ack";
 /// What was found damaged: as long as it is there nothing is written.
 pub(super) const DAMAGED: &str = "store.damaged";
 const MAGIC: &[u8; 8] = b"stictic1";
-/// Bytes of a frame's head in the log, and of the log's own.
-const FRAME_HEAD: usize = 24;
-const LOG_HEAD: usize = 32;
-/// Pages looked at before a store is opened: 512 MB, half a second. The rest is looked at bit by bit.
-pub(super) const AT_ONCE: u32 = 65_536;
 /// Most pages of a database: `max_mb` allows no more.
 const MOST_PAGES: usize = 1 << 26;
 /// Faults that are named.
@@ -70,85 +66,6 @@ impl Acknowledged {
     }
 }
 
-/// The log as it is on disk.
-#[derive(Debug, Default)]
-struct Log {
-    salts: [u8; 8],
-    /// Frames whose checksums fit, one after the other, up to the last commit.
-    frames: u32,
-    /// Pages in these.
-    pages: HashSet<u32>,
-    /// Pages of the database after the last of them.
-    size: u32,
-}
-
-/// The log's two running sums, as SQLite makes them.
-fn running(mut sums: [u32; 2], bytes: &[u8], is_big: bool) -> [u32; 2] {
-    let word = |at: &[u8]| {
-        let bytes = at.try_into().unwrap_or_default();
-        if is_big { u32::from_be_bytes(bytes) } else { u32::from_le_bytes(bytes) }
-    };
-    for pair in bytes.chunks_exact(8) {
-        sums[0] = sums[0].wrapping_add(word(&pair[..4])).wrapping_add(sums[1]);
-        sums[1] = sums[1].wrapping_add(word(&pair[4..])).wrapping_add(sums[0]);
-    }
-    sums
-}
-
-fn big(bytes: &[u8], at: usize) -> u32 {
-    bytes.get(at..at + 4).and_then(|four| four.try_into().ok()).map_or(0, u32::from_be_bytes)
-}
-
-impl Log {
-    /// Reads the log of a database as SQLite does, up to the first frame that does not fit; an empty one where there is none.
-    fn read(path: &Path) -> io::Result<Self> {
-        Self::frames(path, false, |_, _| ())
-    }
-
-    /// The same, or all frames that fit to the one before: its sum is the begin of theirs, whether it was good itself or not.
-    fn frames(path: &Path, all: bool, mut each: impl FnMut(u32, &[u8])) -> io::Result<Self> {
-        let file = match File::open(path) {
-            Ok(file) => file,
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Self::default()),
-            Err(error) => return Err(error),
-        };
-        let mut head = [0; LOG_HEAD];
-        if file.read_exact_at(&mut head, 0).is_err() {
-            return Ok(Self::default());
-        }
-        let is_big = big(&head, 0) & 1 == 1;
-        let mut sums = running([0, 0], &head[..24], is_big);
-        let is_ours = big(&head, 0) & !1 == 0x377f_0682 && u64::from(big(&head, 8)) == PAGE_BYTES;
-        if !is_ours || sums != [big(&head, 24), big(&head, 28)] {
-            return Ok(Self::default());
-        }
-        let mut log = Self { salts: head[16..24].try_into().unwrap_or_default(), ..Self::default() };
-        let (mut frame, mut at) = (vec![0; FRAME_HEAD + PAGE_BYTES as usize], LOG_HEAD as u64);
-        let (mut frames, mut since) = (0, Vec::new());
-        while file.read_exact_at(&mut frame, at).is_ok() && frame[8..16] == log.salts {
-            at += frame.len() as u64;
-            frames += 1;
-            let told = [big(&frame, 16), big(&frame, 20)];
-            sums = running(running(sums, &frame[..8], is_big), &frame[FRAME_HEAD..], is_big);
-            if sums != told {
-                if !all {
-                    break;
-                }
-                sums = told;
-                continue;
-            }
-            each(big(&frame, 0), &frame[FRAME_HEAD..]);
-            since.push(big(&frame, 0));
-            // A frame that ends a commit says how large the database is.
-            if big(&frame, 4) > 0 {
-                (log.frames, log.size) = (frames, big(&frame, 4));
-                log.pages.extend(since.drain(..));
-            }
-        }
-        Ok(log)
-    }
-}
-
 /// The files beside a database.
 #[derive(Debug)]
 pub(super) struct Ledger {
@@ -158,13 +75,13 @@ pub(super) struct Ledger {
     sums: File,
     acknowledged: File,
     now: Acknowledged,
+    upkeep: Upkeep,
     /// Next page that is looked at beside the work.
     next: u32,
-}
-
-/// The database's log.
-pub(super) fn log_of(folder: &Path) -> PathBuf {
-    folder.join(format!("{DATABASE}-wal"))
+    /// Every page was looked at since the store was opened.
+    whole: bool,
+    /// Nothing was carried over that is not noted.
+    noted: bool,
 }
 
 fn open(path: &Path) -> Result<File, StoreError> {
@@ -184,6 +101,8 @@ pub(super) struct Damage {
     pub faults: Vec<String>,
     /// Pages of the database that are not what they were.
     pub pages: Vec<u32>,
+    /// The log lacks something that was acknowledged, or nobody can say whether it does.
+    pub log: bool,
 }
 
 impl Damage {
@@ -203,24 +122,14 @@ impl Damage {
 /// ledger yet, of an older version.
 pub(super) fn examine(folder: &Path, most: u32) -> Result<Damage, StoreError> {
     let mut found = Damage::default();
-    let path = folder.join(DATABASE);
-    let read = |name: &str| fs::read(folder.join(name));
-    let empty = |name: &str| fs::metadata(folder.join(name)).map_or(true, |file| file.len() == 0);
-    let ack = read(ACKNOWLEDGED);
-    if empty(ACKNOWLEDGED) && empty(SUMS) {
-        return Ok(found);
-    }
-    let Some(told) = ack.ok().as_deref().and_then(Acknowledged::of_bytes) else {
-        found.add(format!("{ACKNOWLEDGED} is damaged: nobody can say what the log must hold"));
-        return Ok(found);
-    };
-    if told == Acknowledged::default() {
-        return Ok(found);
-    }
-    let log = Log::read(&log_of(folder)).map_err(StoreError::io(&log_of(folder)))?;
+    let (path, of_log) = (folder.join(DATABASE), log_of(folder));
+    let sums = fs::read(folder.join(SUMS)).unwrap_or_default();
+    let log = Log::read(&of_log).map_err(StoreError::io(&of_log))?;
+    let Some(told) = told(folder, &sums, &log, &mut found) else { return Ok(found) };
     if told.frames > 0 && (log.salts != told.salts || log.frames < told.frames) {
         let left = if log.salts == told.salts { log.frames } else { 0 };
         found.add(format!("the log: {left} of {} pages that were acknowledged can be read", told.frames));
+        found.log = true;
     }
     let Ok(database) = File::open(&path) else {
         found.add(format!("{DATABASE} is gone"));
@@ -233,25 +142,45 @@ pub(super) fn examine(folder: &Path, most: u32) -> Result<Damage, StoreError> {
     if length < u64::from(pages) * PAGE_BYTES {
         found.add(format!("{DATABASE} is cut: {} of {pages} pages are there", length / PAGE_BYTES));
     }
-    let sums = read(SUMS).unwrap_or_default();
-    let known = |page: u32| sum_in(&sums, page);
-    if told.pages > 0 && known(told.pages).is_none() {
+    if told.pages > 0 && sum_in(&sums, told.pages).is_none() {
         found.add(format!("{SUMS} is cut: not every page can be compared"));
     }
-    let mut bytes = vec![0; PAGE_BYTES as usize];
     // Of a log that is not whole nothing is believed: what it carries is not in the database yet.
-    let skip = |page: u32| told.frames > 0 && log.pages.contains(&page);
-    for page in (1..=pages.min(most)).filter(|page| !skip(*page)) {
-        let is_there = database.read_exact_at(&mut bytes, u64::from(page - 1) * PAGE_BYTES).is_ok();
-        if known(page).is_some_and(|sum| !is_there || crc32fast::hash(&bytes) != sum) {
-            found.pages.push(page);
-        }
-    }
+    let skip = |page: &u32| told.frames > 0 && log.pages.contains(page);
+    found.pages = compared(&database, &sums, (1..=pages.min(most)).filter(|page| !skip(page)));
     if let Some(first) = found.pages.first() {
         let count = found.pages.len();
         found.add(format!("{count} of {} pages are not what was written, the first is {first}", told.pages));
     }
     Ok(found)
+}
+
+/// What was told of the files; `None` where there is nothing to hold them against. Where it cannot be read, the log counts as
+/// far as it fits, and the database must be what the checksums say, as long as it is.
+fn told(folder: &Path, sums: &[u8], log: &Log, found: &mut Damage) -> Option<Acknowledged> {
+    let bytes = fs::read(folder.join(ACKNOWLEDGED)).unwrap_or_default();
+    if bytes.is_empty() && sums.is_empty() {
+        return None;
+    }
+    if let Some(told) = Acknowledged::of_bytes(&bytes) {
+        return (told != Acknowledged::default()).then_some(told);
+    }
+    found.add(format!("{ACKNOWLEDGED} is damaged: nobody can say what the log must hold"));
+    found.log = true;
+    let length = fs::metadata(folder.join(DATABASE)).map_or(0, |file| file.len());
+    let pages = (sums.len() as u64 / 4).min(length / PAGE_BYTES);
+    let pages = u32::try_from(pages).unwrap_or(u32::MAX);
+    Some(Acknowledged { salts: log.salts, frames: log.frames, pages, states: 0 })
+}
+
+/// Those of some pages that are not what their checksums say.
+fn compared(database: &File, sums: &[u8], pages: impl Iterator<Item = u32>) -> Vec<u32> {
+    let mut bytes = vec![0; PAGE_BYTES as usize];
+    let is_other = |page: &u32| {
+        let is_there = database.read_exact_at(&mut bytes, u64::from(page - 1) * PAGE_BYTES).is_ok();
+        sum_in(sums, *page).is_some_and(|sum| !is_there || crc32fast::hash(&bytes) != sum)
+    };
+    pages.filter(is_other).collect()
 }
 
 fn sum_in(sums: &[u8], page: u32) -> Option<u32> {
@@ -271,6 +200,7 @@ pub(super) fn examine_beside(folder: &Path) -> Result<Damage, StoreError> {
         let again = examine(folder, u32::MAX)?;
         found.pages.retain(|page| again.pages.contains(page));
         found.faults.retain(|fault| again.faults.contains(fault));
+        found.log &= again.log;
     }
     Ok(found)
 }
@@ -300,6 +230,9 @@ pub(super) struct Page {
     pub bytes: Vec<u8>,
     /// It is what was written.
     pub good: bool,
+    /// It is of the log, behind something that is damaged or of a commit that is not whole: it was not in force together with
+    /// the others.
+    pub late: bool,
 }
 
 /// Every page as the database last had it: the log's where it has one, else its own; `None` where there is none.
@@ -313,7 +246,7 @@ pub(super) fn pages(folder: &Path) -> Result<Vec<Option<Page>>, StoreError> {
             let mut bytes = vec![0; PAGE_BYTES as usize];
             let is_read = database.read_exact_at(&mut bytes, at * PAGE_BYTES).is_ok();
             let good = !bad.contains(&(at as u32 + 1));
-            pages.push(is_read.then_some(Page { bytes, good }));
+            pages.push(is_read.then_some(Page { bytes, good, late: false }));
         }
     }
     let told = fs::read(folder.join(ACKNOWLEDGED)).ok().as_deref().and_then(Acknowledged::of_bytes);
@@ -322,13 +255,14 @@ pub(super) fn pages(folder: &Path) -> Result<Vec<Option<Page>>, StoreError> {
     if told.is_some_and(|told| told.frames == 0 && told.salts == over.salts) {
         return Ok(pages);
     }
-    Log::frames(&log, true, |page, bytes| {
+    Log::frames(&log, true, |number, page, bytes| {
         let at = (page as usize).saturating_sub(1);
         if at < MOST_PAGES {
             if pages.len() <= at {
                 pages.resize(at + 1, None);
             }
-            pages[at] = Some(Page { bytes: bytes.to_vec(), good: true });
+            let late = number > over.frames;
+            pages[at] = Some(Page { bytes: bytes.to_vec(), good: true, late });
         }
     })
     .map_err(StoreError::io(&log))?;
@@ -346,11 +280,11 @@ impl Ledger {
     ///
     /// # Errors
     /// [`StoreError::Damaged`], [`StoreError::Io`].
-    pub fn open(folder: &Path) -> Result<Self, StoreError> {
+    pub fn open(folder: &Path, upkeep: Upkeep) -> Result<Self, StoreError> {
         if let Some(why) = marked(folder) {
             return Err(StoreError::Damaged(why));
         }
-        let found = examine(folder, AT_ONCE)?;
+        let found = examine(folder, upkeep.at_once)?;
         if found != Damage::default() {
             mark(folder, &found.told());
             return Err(StoreError::Damaged(found.told()));
@@ -361,13 +295,18 @@ impl Ledger {
         let mut bytes = [0; Acknowledged::BYTES];
         let told =
             acknowledged.read_exact_at(&mut bytes, 0).ok().and_then(|()| Acknowledged::of_bytes(&bytes));
+        let now = told.unwrap_or_default();
         let own = Self {
             folder: folder.to_path_buf(),
             database,
             sums,
             acknowledged,
-            now: told.unwrap_or_default(),
-            next: AT_ONCE.saturating_add(1),
+            now,
+            upkeep,
+            next: upkeep.at_once.saturating_add(1),
+            whole: now.pages <= upkeep.at_once,
+            // A process that was killed may have carried a part of the log over.
+            noted: false,
         };
         own.drop_what_was_carried_over()?;
         Ok(own)
@@ -410,6 +349,20 @@ impl Ledger {
         Ok(Log::read(&path).map_err(StoreError::io(&path))?.pages)
     }
 
+    /// Looks at what the log is about to be carried over: a page that is damaged there would be written over and be noted as it
+    /// is then, and nobody would know what was made of it.
+    ///
+    /// # Errors
+    /// [`StoreError::Damaged`]: then the store is marked.
+    pub fn before_carrying(&mut self, changed: &HashSet<u32>) -> Result<(), StoreError> {
+        if std::mem::take(&mut self.noted) {
+            let mut bytes = vec![0; PAGE_BYTES as usize];
+            let there = changed.iter().filter(|page| (1..=self.now.pages).contains(*page));
+            there.copied().try_for_each(|page| self.compare(page, &mut bytes))?;
+        }
+        Ok(())
+    }
+
     /// These pages were carried over, whole and on disk; of a database that had no ledger all are taken as they are.
     pub fn carried_over(&mut self, mut changed: HashSet<u32>) -> Result<(), StoreError> {
         let (of_database, of_sums) = (self.folder.join(DATABASE), self.folder.join(SUMS));
@@ -427,32 +380,45 @@ impl Ledger {
         self.now = Acknowledged { frames: 0, pages, ..self.now };
         let told = self.acknowledged.write_all_at(&self.now.to_bytes(), 0);
         told.and_then(|()| self.acknowledged.sync_data())
-            .map_err(StoreError::io(&self.folder.join(ACKNOWLEDGED)))
+            .map_err(StoreError::io(&self.folder.join(ACKNOWLEDGED)))?;
+        self.noted = true;
+        Ok(())
     }
 
     /// Looks at some pages beside the work, one after the other; the log must be carried over, so that none is in it.
     ///
     /// # Errors
     /// [`StoreError::Damaged`]: then the store is marked.
-    pub fn look(&mut self, most: u32) -> Result<(), StoreError> {
+    pub fn look(&mut self) -> Result<(), StoreError> {
         if self.now.frames > 0 || self.now.pages == 0 {
             return Ok(());
         }
         let mut bytes = vec![0; PAGE_BYTES as usize];
-        for _ in 0..most.min(self.now.pages) {
+        for _ in 0..self.upkeep.each.min(self.now.pages) {
             self.next = if self.next > self.now.pages { 1 } else { self.next };
-            let (page, mut sum) = (self.next, [0; 4]);
-            let at = u64::from(page - 1);
-            let read = self.database.read_exact_at(&mut bytes, at * PAGE_BYTES);
-            let read = read.and_then(|()| self.sums.read_exact_at(&mut sum, at * 4));
-            if read.is_err() || crc32fast::hash(&bytes).to_le_bytes() != sum {
-                let why = format!("page {page} of {} is not what was written", self.now.pages);
-                mark(&self.folder, &why);
-                return Err(StoreError::Damaged(why));
-            }
+            self.compare(self.next, &mut bytes)?;
             self.next += 1;
+            self.whole |= self.next > self.now.pages;
         }
         Ok(())
+    }
+
+    /// The share of the database that was looked at since it was opened (0..1); `None` once all of it was.
+    pub fn checked(&self) -> Option<f64> {
+        let of = f64::from(self.now.pages.max(1));
+        (!self.whole).then(|| (f64::from(self.next - 1) / of).min(1.0))
+    }
+
+    fn compare(&self, page: u32, bytes: &mut [u8]) -> Result<(), StoreError> {
+        let (at, mut sum) = (u64::from(page - 1), [0; 4]);
+        let read = self.database.read_exact_at(bytes, at * PAGE_BYTES);
+        let read = read.and_then(|()| self.sums.read_exact_at(&mut sum, at * 4));
+        if read.is_ok() && crc32fast::hash(bytes).to_le_bytes() == sum {
+            return Ok(());
+        }
+        let why = format!("page {page} of {} is not what was written", self.now.pages);
+        mark(&self.folder, &why);
+        Err(StoreError::Damaged(why))
     }
 }
 

@@ -1,27 +1,27 @@
 //! The write-ahead log: when it is carried over into the database, and what is noted then.
 
+use super::frames::log_of;
 use super::ledger;
 use super::write::{Store, lock_of};
 use crate::store::StoreError;
 use std::fs;
 use std::time::{Duration, Instant};
 
-/// Pages of the write-ahead log after which it is carried over: 8 MB, so that little hangs on one file.
-pub(super) const LOG_PAGES: u32 = 1000;
 /// Time after which it is carried over however short it is: the journal's pages are used anew each minute, and what was
 /// overwritten meanwhile is carried over once.
 const LOG_TIME: Duration = Duration::from_secs(60);
-/// Pages that are compared with their checksums each time (32 MB): 20 GB take ten hours.
-const LOOK_AT: u32 = 4096;
 
 impl Store {
     /// Carries the log over into the database when it is time.
     ///
     /// # Errors
-    /// [`StoreError`]; then it is carried over the next time.
+    /// [`StoreError::Damaged`], also where somebody else has come upon it; any other, then it is carried over the next time.
     pub fn carry_over_when_due(&mut self) -> Result<(), StoreError> {
+        if let Some(why) = ledger::marked(&self.config.folder) {
+            return Err(StoreError::Damaged(why));
+        }
         let frames = lock_of(&self.ledger).frames();
-        if frames >= LOG_PAGES || frames > 0 && self.carried.elapsed() >= LOG_TIME {
+        if frames >= self.config.upkeep.log || frames > 0 && self.carried.elapsed() >= LOG_TIME {
             self.carry_over()?;
         }
         Ok(())
@@ -32,6 +32,7 @@ impl Store {
         self.carried = Instant::now();
         let mut ledger = lock_of(&self.ledger);
         let changed = ledger.in_log()?;
+        ledger.before_carrying(&changed)?;
         let carry = |how: &str| {
             self.db.query_row(&format!("PRAGMA wal_checkpoint({how})"), [], |row| {
                 Ok((row.get::<_, i64>(0)?, row.get::<_, i64>(1)?, row.get::<_, i64>(2)?))
@@ -45,19 +46,21 @@ impl Store {
         ledger.carried_over(changed)?;
         // One that is not cut is written over from its begin; it is only longer than it need be.
         let _ = carry("TRUNCATE");
-        ledger.look(LOOK_AT)
+        ledger.look()
     }
 
     /// Bytes of the log that is not carried over yet.
     pub fn log_bytes(&self) -> u64 {
-        fs::metadata(ledger::log_of(&self.config.folder)).map_or(0, |file| file.len())
+        fs::metadata(log_of(&self.config.folder)).map_or(0, |file| file.len())
     }
 }
 
 impl Drop for Store {
     fn drop(&mut self) {
-        // What is not carried over now is in the log at the next start.
-        if let Err(error) = self.carry_over() {
+        // What is not carried over now is in the log at the next start, and of one that is damaged it stays there.
+        if ledger::marked(&self.config.folder).is_none()
+            && let Err(error) = self.carry_over()
+        {
             tracing::warn!(%error, "the store's log is carried over at the next start");
         }
     }

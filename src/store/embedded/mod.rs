@@ -6,10 +6,12 @@
 //! all tags each [`Config::sync_ms`](super::Config); in one transaction they move to `chunks`. Late samples are merged into
 //! the chunk they belong to.
 //!
-//! Beside the database lie its `ledger`, which knows of every page what it must be, and a `second` copy of what nobody could
-//! measure again. Of a database that is damaged `salvage` reads what is left, and `repair` makes a new one of it.
+//! Beside the database lie its `ledger`, which knows of every page what it must be and of the log (`frames`) how far it must
+//! go, and a `second` copy of what nobody could measure again. Of a database that is damaged `salvage` reads what is left, by
+//! its trees (`tree`) and beside them, and `repair` makes a new one of it.
 
 mod check;
+mod frames;
 mod ledger;
 mod log;
 mod read;
@@ -19,6 +21,7 @@ mod salvage;
 mod schema;
 mod second;
 mod spool;
+mod tree;
 mod write;
 
 pub(super) use ledger::{mark, marked};

@@ -1,6 +1,7 @@
 //! What is old becomes a trend, and what is older goes: a little at a time, so that nobody waits for it.
 
 use super::read::{decode_points, encode_points};
+use super::write::damaged;
 use super::{MAX_TAG, Store, TREND_SPAN, key, start_and_tag};
 use crate::signal::Sample;
 use crate::store::backend::Writes;
@@ -152,11 +153,14 @@ fn thin(store: &mut Store, start: i64) -> Result<(), StoreError> {
             thinning.prepare_cached("SELECT key, samples FROM chunks WHERE key BETWEEN ?1 AND ?2")?;
         let mut rows = chunks.query([first, last])?;
         while let Some(row) = rows.next()? {
-            let tag = start_and_tag(row.get(0)?).1;
+            let (start, tag) = start_and_tag(row.get(0)?);
             match codec::decode(row.get_ref(1)?.as_blob().unwrap_or_default()) {
                 Some(samples) if keeps => gather(&mut gathered, tag, &samples, trend_s),
                 Some(samples) => store.dropped += samples.len() as u64,
-                None => store.damaged += 1,
+                None => {
+                    store.damaged += 1;
+                    return Err(damaged(start, tag));
+                }
             }
         }
         put_points(&thinning, gathered)?;

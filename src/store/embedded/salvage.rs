@@ -1,31 +1,29 @@
-//! What can be read of a database that is damaged: every leaf of its tables that is whole, wherever it hangs, row by row.
-//! What led there may be gone. A table's leaves are known by what their rows look like; the order of the columns is that of
-//! `schema`. See the SQLite file format, sections 1.6 and 2.
+//! What can be read of a database that is damaged: every leaf of its tables that is whole, wherever it hangs, row by row, and
+//! the states as far as its trees lead to them. What led to a leaf may be gone: then its table is known by what its rows look
+//! like; the order of the columns is that of `schema`.
 
-use super::ledger::{self, Page};
+use super::ledger;
 use super::second::{self, Kept};
-use super::write::{self, PAGE_BYTES};
-use super::{DATABASE, schema, spool, start_and_tag};
+use super::tree::{self, Row as Found, Trees};
+use super::{schema, start_and_tag, write};
 use crate::signal::Sample;
-use crate::store::rows::{Row, TagName};
+use crate::store::rows::{Row, TagName, TransitionRow};
 use crate::store::{StoreError, StoredTag, codec};
-use rusqlite::{Connection, Transaction, params, params_from_iter, types::Value};
+use rusqlite::{Connection, ErrorCode, Transaction, params, params_from_iter, types::Value};
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::Path;
-
-const LEAF: u8 = 0x0d;
-/// Longest row that is put together (bytes): a blob of the store is far shorter.
-const LONGEST: usize = 1 << 24;
 
 /// What came out of it.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(in crate::store) struct Loss {
     /// What was found damaged.
     pub damage: String,
-    /// Rows that were read, by table.
+    /// Rows that are back, by table.
     pub rows: Vec<(&'static str, u64)>,
-    /// Records of states that were acknowledged and are in neither copy.
+    /// Of what some may be lost, beside states; what is not named here is all there.
+    pub lacking: Vec<&'static str>,
+    /// Records of states that were acknowledged and are lost, unless the database itself still has every state: then none is.
     pub states: u64,
     /// Blobs that were damaged.
     pub blobs: u64,
@@ -38,12 +36,23 @@ impl fmt::Display for Loss {
             write!(out, " {table} {rows},")?;
         }
         write!(out, " {} blobs damaged; ", self.blobs)?;
+        match self.lacking.as_slice() {
+            [] => write!(out, "{}: all are back; ", WORDS.map(|(word, _)| word).join(", "))?,
+            some => write!(out, "{}: some may be lost; ", some.join(", "))?,
+        }
         match self.states {
             0 => out.write_str("states of alarms, their changes and models: all are back"),
             n => write!(out, "states of alarms, their changes and models: {n} records are lost"),
         }
     }
 }
+
+/// What people call what lies in some tables.
+const WORDS: [(&str, &[&str]); 3] =
+    [("samples", &["journal", "chunks"]), ("trends", &["trends"]), ("runs", &["diagnoses"])];
+
+/// Tables whose rows are counted in the end: what was in the journal is in chunks then.
+const COUNTED: [&str; 7] = ["tags", "chunks", "trends", "diagnoses", "transitions", "alarms", "models"];
 
 /// What happened is told in the order it happened, from whichever copy it came.
 const IN_ORDER: &str = "CREATE TEMP TABLE happened AS SELECT * FROM transitions ORDER BY at, id;
@@ -69,53 +78,99 @@ pub(super) fn salvage(folder: &Path, to: Option<&Path>) -> Result<(Connection, L
     };
     schema::migrate(&mut db)?;
     let taking = db.transaction()?;
-    let mut counts = [0; TABLES.len()];
-    for page in 0..pages.len() {
-        for (key, row, good) in rows(&pages, page) {
-            // Of a page that is not what was written only what has a checksum of its own is believed.
-            let believed = |table: &usize| good || SEALED.contains(&TABLES[*table].0);
-            if let Some(table) = table_of(&row).filter(believed) {
-                match take(&taking, table, key, row)? {
-                    true => counts[table] += 1,
-                    false => loss.blobs += 1,
-                }
-            }
+    let leaves = (0..pages.len()).flat_map(|page| tree::rows(&pages, page));
+    for Found { key, values, good, .. } in leaves {
+        // Of a page that is not what was written only what has a checksum of its own is believed.
+        let believed = |table: &usize| good || SEALED.contains(&TABLES[*table].0);
+        if let Some(table) = table_of(&values).filter(believed)
+            && !take(&taking, table, key, values)?
+        {
+            loss.blobs += 1;
         }
     }
     let (kept, lost) = second::read(folder);
-    // A damaged second copy costs nothing where the database is whole.
-    let is_whole = found.pages.is_empty()
-        && found.faults.iter().all(|fault| !fault.contains(DATABASE) && !fault.contains("the log"));
-    loss.states = lost;
     restore(&taking, &kept)?;
-    if is_whole {
-        loss.states = 0;
-        // Put over it: the second copy may be an old one.
-        whole_tables(folder, &taking)?;
-    }
+    let trees = Trees::of(&pages);
+    let all_states = put_states(&taking, &trees, &kept, found.log)?;
+    loss.states = if all_states && !found.log { 0 } else { lost };
+    let is_whole = |tables: &[&str]| !found.log && tables.iter().all(|name| trees.is_whole(name));
+    let lacks = |(_, tables): &(&str, &[&str])| {
+        !is_whole(tables) || loss.blobs > 0 && tables.iter().any(|name| SEALED.contains(name))
+    };
+    loss.lacking = WORDS.iter().filter(|own| lacks(own)).map(|(word, _)| *word).collect();
     taking.execute_batch(IN_ORDER)?;
     taking.commit()?;
-    loss.rows = TABLES.iter().zip(counts).map(|((name, _), count)| (*name, count)).collect();
+    for name in COUNTED {
+        let count = db.query_row(&format!("SELECT count(*) FROM {name}"), [], |row| row.get::<_, i64>(0))?;
+        loss.rows.push((name, count.max(0) as u64));
+    }
     Ok((db, loss))
 }
 
-/// What is known elsewhere does not wait to be delivered, though the second copy does not tell the two apart.
-const KNOWN_DO_NOT_WAIT: &str = "DELETE FROM alarms WHERE EXISTS (SELECT 1 FROM known_alarms AS own
-        WHERE own.control_loop = alarms.control_loop AND own.kind = alarms.kind);
-    DELETE FROM models WHERE EXISTS (SELECT 1 FROM known_models AS own
-        WHERE own.control_loop = models.control_loop AND own.version >= models.version);";
-
-/// States from the database itself, which SQLite can still read.
-fn whole_tables(folder: &Path, into: &Transaction<'_>) -> Result<(), StoreError> {
-    let from = super::read::Reader::as_it_is(folder)?;
-    let ((models, alarms), (known_models, known_alarms)) = (from.written()?, from.known()?);
-    spool::put_known(into, &known_models, &known_alarms)?;
-    into.execute_batch(KNOWN_DO_NOT_WAIT)?;
-    let rows = models.into_iter().map(Row::Model).chain(alarms.into_iter().map(Row::Alarm));
-    for row in rows {
-        write::put_row(into, &row)?;
+/// Puts the states over those of the second copy as the database has them: the copy may be an old one, or cut. Where the log
+/// lacks something the database may be the older of the two. Whether everything is there that is in the second copy.
+fn put_states(
+    into: &Transaction<'_>,
+    trees: &Trees<'_>,
+    kept: &Kept,
+    log_lacks: bool,
+) -> Result<bool, StoreError> {
+    let changes = trees.table("transitions");
+    let newest = changes.rows.iter().max_by_key(|(number, _)| *number);
+    let copy_is_newer =
+        log_lacks && newest.is_none_or(|(_, row)| kept.changes.iter().any(|change| is(change, row)));
+    let [alarms, models, known_alarms, known_models] =
+        ["alarms", "models", "known_alarms", "known_models"].map(|name| trees.table(name));
+    let all = alarms.whole && models.whole && known_alarms.whole && known_models.whole;
+    let mut to_known = ["models", "alarms"];
+    if all && !copy_is_newer {
+        // The second copy does not tell apart what waits to be delivered and what is known elsewhere.
+        into.execute_batch("DELETE FROM alarms; DELETE FROM models;")?;
+        to_known = ["known_models", "known_alarms"];
     }
-    Ok(())
+    let over = if copy_is_newer { "IGNORE" } else { "REPLACE" };
+    let mut fit = put(into, over, "models", 4, models.rows)?;
+    fit &= put(into, over, "alarms", 19, alarms.rows)?;
+    fit &= put(into, "IGNORE", to_known[0], 4, known_models.rows)?;
+    fit &= put(into, "IGNORE", to_known[1], 19, known_alarms.rows)?;
+    Ok(fit && all && changes.whole && trees.is_whole("tags"))
+}
+
+/// Puts rows of so many columns into a table; false where one does not fit.
+fn put(
+    into: &Transaction<'_>,
+    over: &str,
+    table: &str,
+    columns: usize,
+    rows: Vec<(i64, Vec<Value>)>,
+) -> Result<bool, StoreError> {
+    let sql = format!("INSERT OR {over} INTO {table} VALUES ({})", places(columns));
+    let mut fit = true;
+    for (_, row) in rows {
+        if row.len() != columns {
+            fit = false;
+            continue;
+        }
+        match into.prepare_cached(&sql)?.execute(params_from_iter(row)) {
+            Err(error) if error.sqlite_error_code() == Some(ErrorCode::ConstraintViolation) => fit = false,
+            Err(error) => return Err(error.into()),
+            Ok(_) => {}
+        }
+    }
+    Ok(fit)
+}
+
+/// Whether a row is this change.
+fn is(change: &TransitionRow, row: &[Value]) -> bool {
+    let text = |at: usize, own: &str| matches!(row.get(at), Some(Value::Text(text)) if text == own);
+    let at = match row.get(3) {
+        Some(Value::Real(at)) => *at,
+        Some(Value::Integer(at)) => *at as f64,
+        _ => f64::NAN,
+    };
+    let TransitionRow { control_loop, kind, before, after, cause, .. } = change;
+    let texts = [(1, control_loop), (2, kind), (4, before), (5, after), (6, cause)];
+    at == change.at && texts.into_iter().all(|(at, own)| text(at, own))
 }
 
 fn restore(into: &Transaction<'_>, kept: &Kept) -> Result<(), StoreError> {
@@ -182,6 +237,10 @@ fn table_of(row: &[Value]) -> Option<usize> {
     }
 }
 
+fn places(columns: usize) -> String {
+    (1..=columns).map(|n| format!("?{n}")).collect::<Vec<_>>().join(", ")
+}
+
 /// Puts a row into its table; false where its blob is damaged. A page that was left may hold what was there before: rows
 /// give way to what is there already, samples are put beside each other.
 fn take(into: &Transaction<'_>, table: usize, key: i64, mut row: Vec<Value>) -> Result<bool, StoreError> {
@@ -204,109 +263,9 @@ fn take(into: &Transaction<'_>, table: usize, key: i64, mut row: Vec<Value>) -> 
         _ => {
             row[0] = Value::Integer(key);
             row.resize(columns.len(), Value::Null);
-            let places = (1..=columns.len()).map(|n| format!("?{n}")).collect::<Vec<_>>().join(", ");
-            let sql = format!("INSERT OR IGNORE INTO {name} VALUES ({places})");
+            let sql = format!("INSERT OR IGNORE INTO {name} VALUES ({})", places(columns.len()));
             into.prepare_cached(&sql)?.execute(params_from_iter(row))?;
         }
     }
     Ok(true)
-}
-
-/// The rows of a leaf, with their numbers and whether all they lie on is what was written.
-fn rows(pages: &[Option<Page>], at: usize) -> Vec<(i64, Vec<Value>, bool)> {
-    let Some(page) = pages[at].as_ref() else { return Vec::new() };
-    let (good, page) = (page.good, page.bytes.as_slice());
-    let start = if at == 0 { 100 } else { 0 };
-    if page.get(start) != Some(&LEAF) {
-        return Vec::new();
-    }
-    let count = usize::from(short(page, start + 3));
-    let cells = (0..count).map(|n| usize::from(short(page, start + 8 + 2 * n)));
-    let found = cells.filter_map(|cell| row(pages, page, cell));
-    found.map(|(key, row, whole)| (key, row, whole && good)).collect()
-}
-
-fn short(page: &[u8], at: usize) -> u16 {
-    page.get(at..at + 2).and_then(|two| two.try_into().ok()).map_or(0, u16::from_be_bytes)
-}
-
-fn row(pages: &[Option<Page>], page: &[u8], cell: usize) -> Option<(i64, Vec<Value>, bool)> {
-    let mut at = cell;
-    let length = usize::try_from(varint(page, &mut at)?).ok().filter(|length| *length <= LONGEST)?;
-    let key = varint(page, &mut at)?;
-    let (payload, good) = payload(pages, page, at, length)?;
-    values(&payload).map(|values| (key, values, good))
-}
-
-/// A row's bytes: some in its leaf, the rest on pages of their own, and whether those are what was written.
-fn payload(pages: &[Option<Page>], page: &[u8], at: usize, length: usize) -> Option<(Vec<u8>, bool)> {
-    let usable = PAGE_BYTES as usize;
-    let (most, least) = (usable - 35, (usable - 12) * 32 / 255 - 23);
-    if length <= most {
-        return page.get(at..at + length).map(|bytes| (bytes.to_vec(), true));
-    }
-    let fits = least + (length - least) % (usable - 4);
-    let own = if fits <= most { fits } else { least };
-    let mut bytes = page.get(at..at + own)?.to_vec();
-    let number = |page: &[u8], at: usize| Some(u32::from_be_bytes(page.get(at..at + 4)?.try_into().ok()?));
-    let (mut next, mut good) = (number(page, at + own)?, true);
-    while bytes.len() < length {
-        let over = pages.get((next as usize).checked_sub(1)?)?.as_ref()?;
-        good &= over.good;
-        let over = over.bytes.as_slice();
-        let more = (length - bytes.len()).min(usable - 4);
-        bytes.extend_from_slice(over.get(4..4 + more)?);
-        next = number(over, 0)?;
-    }
-    Some((bytes, good))
-}
-
-fn varint(bytes: &[u8], at: &mut usize) -> Option<i64> {
-    let mut value: u64 = 0;
-    for n in 0..9 {
-        let byte = *bytes.get(*at)?;
-        *at += 1;
-        if n == 8 {
-            return Some((value << 8 | u64::from(byte)) as i64);
-        }
-        value = value << 7 | u64::from(byte & 0x7f);
-        if byte < 0x80 {
-            break;
-        }
-    }
-    Some(value as i64)
-}
-
-/// A record's columns.
-fn values(record: &[u8]) -> Option<Vec<Value>> {
-    let mut at = 0;
-    let head = usize::try_from(varint(record, &mut at)?).ok()?;
-    let mut body = head;
-    let mut values = Vec::new();
-    while at < head {
-        let kind = varint(record, &mut at)?;
-        let length = match kind {
-            0 | 8 | 9 => 0,
-            1..=4 => kind as usize,
-            5 => 6,
-            6 | 7 => 8,
-            12.. => usize::try_from((kind - 12) / 2).ok()?,
-            _ => return None,
-        };
-        let bytes = record.get(body..body.checked_add(length)?)?;
-        body += length;
-        let whole = || {
-            let sign = if bytes.first().is_some_and(|first| *first >= 0x80) { -1 } else { 0 };
-            bytes.iter().fold(sign, |value: i64, byte| value << 8 | i64::from(*byte))
-        };
-        values.push(match kind {
-            0 => Value::Null,
-            1..=6 => Value::Integer(whole()),
-            7 => Value::Real(f64::from_bits(whole() as u64)),
-            8 | 9 => Value::Integer(kind - 8),
-            _ if kind % 2 == 0 => Value::Blob(bytes.to_vec()),
-            _ => Value::Text(String::from_utf8(bytes.to_vec()).ok()?),
-        });
-    }
-    (body == record.len()).then_some(values)
 }

@@ -82,7 +82,11 @@ impl Store {
                 series.push((tag.era, Series { tag: Arc::new(tag.name.clone()), samples }));
             }
         }
-        self.damaged += reader.damaged();
+        // What is delivered is deleted here.
+        if reader.damaged() > 0 {
+            self.damaged += reader.damaged();
+            return Err(StoreError::Damaged(format!("chunk {start}: the bytes are damaged")));
+        }
         Ok(Some(Part::Samples(start, series)))
     }
 
@@ -218,11 +222,7 @@ impl Store {
 }
 
 /// Puts states beside those that wait, as known.
-pub(super) fn put_known(
-    into: &Transaction<'_>,
-    models: &[ModelRow],
-    alarms: &[AlarmRow],
-) -> Result<(), StoreError> {
+fn put_known(into: &Transaction<'_>, models: &[ModelRow], alarms: &[AlarmRow]) -> Result<(), StoreError> {
     for ModelRow { control_loop, version, since, effects } in models {
         let version = i64::try_from(*version).unwrap_or(i64::MAX);
         into.prepare_cached("INSERT OR REPLACE INTO known_models VALUES (?1, ?2, ?3, ?4)")?

@@ -1,12 +1,17 @@
 use super::*;
 use crate::signal::Sample;
 use crate::store::backend::Writes;
-use crate::store::{AlarmRow, Batch, Checked, Config, Reader, Row, Series, StoreError, TagName, check};
+use crate::store::{
+    AlarmRow, Batch, Checked, Config, DiagnosisRow, Reader, Row, Series, StoreError, TagName, Upkeep, check,
+};
 use rusqlite::Connection;
 use std::collections::BTreeMap;
+use std::fs::OpenOptions;
+use std::os::unix::fs::FileExt;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
 
 /// A folder of its own, gone with the test.
 pub(in crate::store) struct Folder(pub PathBuf);
@@ -104,6 +109,105 @@ fn a_damaged_blob_is_found_and_left_out() {
     // The first chunk, 960 to 1020, held 20 samples; the others are read all the same.
     assert_eq!(reader.last(&[(*op).clone()], 1000).expect("reads")[&*op], good(20..300));
     assert_eq!(reader.damaged(), 1);
+}
+
+/// Neither by what comes late nor by what becomes a trend: nobody would ever know of it.
+#[test]
+fn a_damaged_chunk_is_not_written_over() {
+    let (folder, op) = (Folder::new(), tag("A", "op"));
+    let mut store = Store::open(&Config { samples_days: 0.01, ..folder.config() }).expect("opens");
+    store.insert(&batch(&op, good(0..300))).expect("inserts");
+    let damaging = "UPDATE chunks SET samples = zeroblob(40) WHERE key IN (SELECT min(key) FROM chunks)";
+    store.db.execute(damaging, []).expect("writes");
+    assert!(store.insert(&batch(&op, good(5..15))).is_err_and(|error| error.is_damage()));
+    assert!(store.tidy(1e6).is_err_and(|error| error.is_damage()));
+    assert_eq!(store.refused_and_damaged(), (0, 2));
+    let sql = "SELECT count(*) FROM chunks WHERE length(samples) = 40";
+    let there: i64 = store.db.query_row(sql, [], |row| row.get(0)).expect("reads");
+    assert_eq!(there, 1);
+}
+
+/// It is what was open when the last writer ended: without it samples of the last minute would be missing.
+#[test]
+fn a_damaged_journal_is_not_opened_as_if_nothing_were_missing() {
+    let folder = Folder::new();
+    let mut store = Store::open(&folder.config()).expect("opens");
+    store.write(&batch(&tag("A", "op"), good(0..5))).expect("writes");
+    store.db.execute("UPDATE journal SET frame = zeroblob(40)", []).expect("writes");
+    drop(store);
+    for _ in 0..2 {
+        assert!(Store::open(&folder.config()).is_err_and(|error| error.is_damage()));
+        assert!(marked(&folder.0).is_some_and(|why| why.starts_with("the journal of chunk 960")));
+    }
+}
+
+/// In the database it is damaged, in the log it is not: carried over it would be taken for what it always was.
+#[test]
+fn a_damaged_page_is_not_written_over() {
+    let folder = Folder::new();
+    let upkeep = Upkeep { each: 0, ..Upkeep::default() };
+    let mut store = Store::open(&Config { upkeep, ..folder.config() }).expect("opens");
+    let alarm = |acknowledged| AlarmRow {
+        control_loop: "A".into(),
+        kind: "stiction".into(),
+        acknowledged,
+        ..AlarmRow::default()
+    };
+    let rows = |row: AlarmRow| Batch { series: Vec::new(), rows: vec![Row::Alarm(row)] };
+    store.write(&rows(alarm(false))).expect("writes");
+    store.carry_over().expect("nothing is damaged");
+    store.write(&rows(alarm(true))).expect("writes");
+    let sql = "SELECT rootpage FROM sqlite_schema WHERE name = 'alarms'";
+    let page: i64 = store.db.query_row(sql, [], |row| row.get(0)).expect("reads");
+    let file = OpenOptions::new().write(true).open(folder.0.join(DATABASE)).expect("there");
+    file.write_all_at(&[0x5a; 8192], (page as u64 - 1) * 8192).expect("writable");
+    assert!(store.carry_over().is_err_and(|error| error.is_damage()));
+    let why = format!("page {page} of ");
+    assert!(marked(&folder.0).is_some_and(|told| told.starts_with(&why)));
+    assert!(store.tidy(1.0).is_err_and(|error| error.is_damage()), "and it goes on failing");
+    drop(store);
+    assert!(Store::open(&folder.config()).is_err_and(|error| error.is_damage()));
+    let left = Reader::open(&folder.0).expect("can be read");
+    assert_eq!(left.alarms().expect("reads"), [alarm(true)], "the log has what was acknowledged last");
+}
+
+/// By size while much is written and somebody reads, by time while little is.
+#[test]
+fn the_log_stays_short() {
+    const FRAME: u64 = 8192 + 24;
+    let folder = Folder::new();
+    let mut store = Store::open(&folder.config()).expect("opens");
+    let reader = Reader::open(&folder.0).expect("opens");
+    let run = |k: u32| {
+        let row = DiagnosisRow {
+            control_loop: "A".into(),
+            finished: f64::from(k),
+            report: Some(vec![7; 100_000]),
+            ..DiagnosisRow::default()
+        };
+        Batch { series: Vec::new(), rows: vec![Row::Diagnosis(row)] }
+    };
+    let bound = 32 + u64::from(Upkeep::default().log) * FRAME;
+    let (mut before, mut written) = (store.log_bytes(), 0);
+    for k in 0..300 {
+        store.write(&run(k)).expect("writes");
+        // A run takes fewer than 30 pages.
+        assert!(store.log_bytes() < bound + 30 * FRAME);
+        written += store.log_bytes() - before;
+        store.tidy(f64::from(k)).expect("tidies");
+        before = store.log_bytes();
+        assert!(before < bound);
+        assert_eq!(reader.last_diagnoses("A", 1).expect("reads").len(), 1);
+    }
+    assert!(written > 3 * bound, "{written} bytes went through the log");
+    store.carried = Instant::now();
+    store.write(&run(300)).expect("writes");
+    store.tidy(300.0).expect("tidies");
+    assert!(store.log_bytes() > 0, "it is not time yet");
+    store.carried = Instant::now().checked_sub(Duration::from_secs(61)).expect("a machine that has run");
+    store.tidy(301.0).expect("tidies");
+    assert_eq!(store.log_bytes(), 0);
+    assert_eq!(reader.diagnoses(0, 1000).expect("reads").len(), 301);
 }
 
 #[test]

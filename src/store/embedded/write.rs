@@ -1,7 +1,6 @@
 //! The writing side: batches in, chunks rolled.
 
-use super::ledger::Ledger;
-use super::log::LOG_PAGES;
+use super::ledger::{self, Ledger};
 use super::read::Reader;
 use super::second::{self, Second};
 use super::{APPLICATION, DATABASE, LOCK, MAX_TAG, key, retain, schema};
@@ -49,7 +48,7 @@ pub struct Store {
     pub(super) retained: f64,
     /// Samples whose stamp no key holds, refused.
     pub(super) refused: u64,
-    /// Chunks whose bytes were damaged, replaced.
+    /// Blobs that were found damaged.
     pub(super) damaged: u64,
     /// Samples that were thinned to nothing, because no trends are kept.
     pub(super) dropped: u64,
@@ -65,7 +64,7 @@ impl Store {
         fs::create_dir_all(folder).map_err(StoreError::io(folder))?;
         let lock = lock(folder)?;
         let path = folder.join(DATABASE);
-        let ledger = Arc::new(Mutex::new(Ledger::open(folder)?));
+        let ledger = Arc::new(Mutex::new(Ledger::open(folder, config.upkeep)?));
         let mut db = Connection::open(&path)?;
         prepare(&db, config, &path)?;
         let own = ledger.clone();
@@ -135,7 +134,12 @@ impl Store {
                     self.open_samples += samples.len();
                     hold(&mut self.open, start, samples);
                 }
-                None => self.damaged += 1,
+                // What is left is read by another way, and told.
+                None => {
+                    let why = format!("the journal of chunk {start}: the bytes are damaged");
+                    ledger::mark(&self.config.folder, &why);
+                    return Err(StoreError::Damaged(why));
+                }
             }
         }
         Ok(())
@@ -145,15 +149,14 @@ impl Store {
     fn roll(&mut self, start: i64) -> Result<(), StoreError> {
         let Some(tags) = self.open.get_mut(&start) else { return Ok(()) };
         let rolling = self.db.transaction_with_behavior(TransactionBehavior::Immediate)?;
-        let mut damaged = 0;
         for (&tag, samples) in tags.iter() {
-            damaged += merge(&rolling, start, tag, samples)?;
+            merge(&rolling, start, tag, samples)
+                .inspect_err(|error| self.damaged += u64::from(error.is_damage()))?;
         }
         rolling.execute("DELETE FROM journal WHERE start = ?1", [start])?;
         rolling.commit()?;
         let gone = self.open.remove(&start).unwrap_or_default();
         self.open_samples = self.open_samples.saturating_sub(gone.values().map(Vec::len).sum());
-        self.damaged += damaged;
         Ok(())
     }
 }
@@ -226,7 +229,7 @@ impl Writes for Store {
     }
 
     fn insert(&mut self, batch: &Batch) -> Result<(), StoreError> {
-        let (chunk_s, mut refused, mut damaged) = (self.config.chunk_s, 0, 0);
+        let (chunk_s, mut refused) = (self.config.chunk_s, 0);
         let putting = self.db.transaction_with_behavior(TransactionBehavior::Immediate)?;
         let mut news = Vec::new();
         let mut chunks = Open::new();
@@ -241,7 +244,8 @@ impl Writes for Store {
         }
         for (start, tags) in &chunks {
             for (&tag, samples) in tags {
-                damaged += merge(&putting, *start, tag, samples)?;
+                merge(&putting, *start, tag, samples)
+                    .inspect_err(|error| self.damaged += u64::from(error.is_damage()))?;
             }
         }
         batch.rows.iter().try_for_each(|row| put_row(&putting, row))?;
@@ -249,7 +253,6 @@ impl Writes for Store {
         self.keep_twice(&news, &batch.rows)?;
         self.ids.extend(news);
         self.refused += refused;
-        self.damaged += damaged;
         Ok(())
     }
 
@@ -279,6 +282,10 @@ impl Writes for Store {
 
     fn refused_and_damaged(&self) -> (u64, u64) {
         (self.refused, self.damaged)
+    }
+
+    fn checked(&self) -> Option<f64> {
+        lock_of(&self.ledger).checked()
     }
 }
 
@@ -315,7 +322,8 @@ fn prepare(db: &Connection, config: &Config, path: &Path) -> Result<(), StoreErr
     // Carried over by us alone, who note what every page is then.
     db.pragma_update(None, "wal_autocheckpoint", 0)?;
     db.set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, true)?;
-    db.pragma_update(None, "journal_size_limit", (2 * u64::from(LOG_PAGES) * PAGE_BYTES) as i64)?;
+    let log_bytes = 2 * u64::from(config.upkeep.log) * PAGE_BYTES;
+    db.pragma_update(None, "journal_size_limit", log_bytes as i64)?;
     db.pragma_update(None, "cache_size", -16_384)?;
     let pages = (config.max_mb * 1_000_000 / PAGE_BYTES) as i64;
     db.pragma_update(None, "max_page_count", pages)?;
@@ -365,29 +373,34 @@ fn tag_id(
     Ok(id)
 }
 
-/// Puts samples of one tag into their chunk, beside those that are there. How many damaged chunks it replaced.
+/// Puts samples of one tag into their chunk, beside those that are there. A chunk that is damaged is not written over: nobody
+/// would ever know of it.
 pub(super) fn merge(
     db: &Transaction<'_>,
     start: i64,
     tag: u32,
     samples: &[Sample],
-) -> Result<u64, StoreError> {
+) -> Result<(), StoreError> {
     let key = key(start, tag);
     let there: Option<Vec<u8>> = db
         .prepare_cached("SELECT samples FROM chunks WHERE key = ?1")?
         .query_row([key], |row| row.get(0))
         .optional()?;
-    let (mut all, damaged) = match there.as_deref().map(codec::decode) {
-        None => (Vec::new(), 0),
-        Some(Some(all)) => (all, 0),
-        Some(None) => (Vec::new(), 1),
+    let mut all = match there.as_deref() {
+        None => Vec::new(),
+        Some(blob) => codec::decode(blob).ok_or_else(|| damaged(start, tag))?,
     };
     all.extend_from_slice(samples);
     codec::unique(&mut all);
     all.truncate(codec::MAX_SAMPLES);
     db.prepare_cached("INSERT OR REPLACE INTO chunks (key, samples) VALUES (?1, ?2)")?
         .execute(params![key, codec::encode(&all)])?;
-    Ok(damaged)
+    Ok(())
+}
+
+/// A chunk whose bytes are not what was written.
+pub(super) fn damaged(start: i64, tag: u32) -> StoreError {
+    StoreError::Damaged(format!("chunk {start} of tag {tag}: the bytes are damaged"))
 }
 
 pub(super) fn put_row(db: &Transaction<'_>, row: &Row) -> Result<(), StoreError> {

@@ -296,6 +296,10 @@ impl Writes for Store {
         (self.refused + refused, damaged)
     }
 
+    fn checked(&self) -> Option<f64> {
+        self.spool.checked()
+    }
+
     fn spool(&self) -> Option<Spool> {
         Some(Spool {
             away: self.away.clone(),

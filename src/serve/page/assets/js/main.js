@@ -6,6 +6,7 @@ import { ago, when } from "./format.js";
 import { begin, listen, state } from "./live.js";
 import { plantView } from "./plant.js";
 import { logOut, may, session, whoAmI } from "./session.js";
+import { watchStore } from "./store.js";
 
 const VIEWS = {
   "": async () => plantView,
@@ -170,4 +171,5 @@ if (may("viewer")) {
   begin();
   collectors();
   setInterval(collectors, 5000);
+  watchStore();
 }
