@@ -1,144 +1,33 @@
 //! Peers that send without end, whatever is asked of them: no client of ours keeps what it cannot use. The daemon is a process
 //! of its own, and its memory is what the system says of it.
 
+/// What a NATS server says until our client is logged in, and something behind it.
+macro_rules! logged_in {
+    ($($behind:literal)?) => {
+        concat!(
+            "INFO {\"server_id\":\"x\",\"max_payload\":8388608,\"headers\":true,\"jetstream\":true}\r\nPONG\r\n"
+            $(, $behind)?
+        )
+        .as_bytes()
+    };
+}
+
 #[path = "endless/limits.rs"]
 mod limits;
+#[path = "endless/noise.rs"]
+mod noise;
+#[path = "endless/rig.rs"]
+mod rig;
 
-use std::fs;
-use std::io::{Read, Write};
-use std::net::{TcpListener, TcpStream};
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering::SeqCst};
-use std::thread;
-use std::time::{Duration, Instant};
+use rig::{Flood, Wire, flood, holds};
 
-/// What is promised (bytes).
-const MOST: u64 = 32 << 20;
-/// Bytes sent at once.
-const PIECE: usize = 1 << 16;
-/// Longest wait; reached only when the test has failed.
-const PATIENCE: Duration = Duration::from_secs(60);
-
-/// What a peer sends: first once, then again and again.
-#[derive(Clone, Copy)]
-struct Flood {
-    name: &'static str,
-    first: &'static [u8],
-    then: &'static [u8],
+/// What a configuration says where the peer encrypts.
+fn ca(wire: Wire) -> &'static str {
+    if wire == Wire::Clear { "" } else { "ca_file = 'CERT'\n" }
 }
 
-const fn flood(name: &'static str, first: &'static [u8], then: &'static [u8]) -> Flood {
-    Flood { name, first, then }
-}
-
-/// Says nothing: what a daemon takes at rest.
-const NOTHING: Flood = flood("nothing", b"", b"");
-const COMMON: [Flood; 2] = [flood("zeroes", b"", &[0]), flood("ones", b"", &[0xff])];
-
-/// A peer that counts connections that ended, and bytes that it got rid of.
-struct Peer {
-    port: u16,
-    ended: Arc<AtomicU64>,
-    sent: Arc<AtomicU64>,
-}
-
-fn peer(what: Flood) -> Peer {
-    let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
-    let port = listener.local_addr().expect("bound").port();
-    let (ended, sent) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicU64::new(0)));
-    let (count, bytes) = (ended.clone(), sent.clone());
-    thread::spawn(move || {
-        for stream in listener.incoming().flatten() {
-            let (count, bytes) = (count.clone(), bytes.clone());
-            thread::spawn(move || {
-                pour(stream, what, &bytes);
-                count.fetch_add(1, SeqCst);
-            });
-        }
-    });
-    Peer { port, ended, sent }
-}
-
-fn pour(mut stream: TcpStream, what: Flood, sent: &AtomicU64) {
-    if what.then.is_empty() {
-        return;
-    }
-    let mut piece = what.then.repeat(PIECE / what.then.len());
-    // Some answer a question; who asks none is sent to all the same.
-    let _ = stream.set_read_timeout(Some(Duration::from_millis(200)));
-    let _ = stream.read(&mut [0; 1024]);
-    if stream.write_all(what.first).is_err() {
-        return;
-    }
-    while let Ok(n) = stream.write(&piece) {
-        sent.fetch_add(n as u64, SeqCst);
-        piece.rotate_left(n % what.then.len());
-    }
-}
-
-struct Daemon(Child);
-
-impl Daemon {
-    fn start(name: &str, text: &str) -> Self {
-        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("endless-{}", std::process::id()));
-        fs::create_dir_all(&folder).expect("writable");
-        let path: PathBuf = folder.join(format!("{name}.toml"));
-        fs::write(&path, text.replace("FOLDER", &folder.join(name).display().to_string())).expect("writable");
-        let mut command = Command::new(env!("CARGO_BIN_EXE_stictiond"));
-        command.args(["run", "--config"]).arg(path).env("RUST_LOG", "off");
-        Self(command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("it starts"))
-    }
-
-    /// Most memory it has taken so far (bytes).
-    fn most(&self) -> u64 {
-        self.status("VmHWM:") * 1024
-    }
-
-    /// A number that the system tells of it.
-    fn status(&self, name: &str) -> u64 {
-        let status = fs::read_to_string(format!("/proc/{}/status", self.0.id())).expect("it runs");
-        let line = status.lines().find(|line| line.starts_with(name)).expect("a line");
-        line.split_whitespace().nth(1).and_then(|number| number.parse().ok()).expect("a number")
-    }
-}
-
-impl Drop for Daemon {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
-
-/// Most memory until three connections to such a peer ended, or it has got rid of twice what may be held.
-fn taken(name: &str, config: &str, what: Flood) -> u64 {
-    let peer = peer(what);
-    let text =
-        format!("[server]\nlisten = '127.0.0.1:0'\n{}", config.replace("PORT", &peer.port.to_string()));
-    let daemon = Daemon::start(&format!("{name}-{}", what.name.replace(' ', "-")), &text);
-    let began = Instant::now();
-    // What is read and dropped need not end: then it is enough that more went than may be held.
-    while peer.ended.load(SeqCst) < 3 && peer.sent.load(SeqCst) < 2 * MOST {
-        assert!(
-            began.elapsed() < PATIENCE,
-            "{name}, {}: {} bytes were taken",
-            what.name,
-            peer.sent.load(SeqCst)
-        );
-        thread::sleep(Duration::from_millis(20));
-    }
-    daemon.most()
-}
-
-fn holds(name: &str, config: &str, own: &[Flood]) {
-    let rest = taken(name, config, NOTHING);
-    for what in own.iter().chain(&COMMON) {
-        let grown = taken(name, config, *what).saturating_sub(rest);
-        println!("{name:12} {:32} {:6.1} MiB beyond rest", what.name, grown as f64 / f64::from(1 << 20));
-        assert!(grown < MOST, "{name}, {}: {grown} bytes beyond rest", what.name);
-    }
-}
+/// Encrypted from the first byte on.
+const TLS: Wire = Wire::Tls(0, b"");
 
 fn control_loop(of_tag: impl Fn(usize) -> String) -> String {
     format!(
@@ -156,18 +45,23 @@ fn modbus(framing: &str) -> String {
     )
 }
 
+/// A plant whose device is away.
+fn plant() -> String {
+    modbus("tcp").replace("PORT", "9")
+}
+
 const MODBUS: [Flood; 1] = [flood("heads of the longest", b"", &[0, 1, 0, 0, 0xff, 0xff, 1, 4])];
 
 #[test]
 fn modbus_over_tcp() {
-    holds("modbus tcp", &modbus("tcp"), &MODBUS);
+    holds("modbus tcp", &modbus("tcp"), Wire::Clear, &MODBUS);
 }
 
 const RTU: [Flood; 1] = [flood("answers of 255 bytes", b"", &[1, 4, 255])];
 
 #[test]
 fn modbus_rtu_over_tcp() {
-    holds("modbus rtu", &modbus("rtu"), &RTU);
+    holds("modbus rtu", &modbus("rtu"), Wire::Clear, &RTU);
 }
 
 const ACK: &[u8] =
@@ -189,7 +83,7 @@ fn opcua() -> String {
 
 #[test]
 fn opc_ua() {
-    holds("opc ua", &opcua(), &OPC_UA);
+    holds("opc ua", &opcua(), Wire::Clear, &OPC_UA);
 }
 
 const MQTT: [Flood; 3] = [
@@ -198,16 +92,22 @@ const MQTT: [Flood; 3] = [
     flood("a length that never ends", b"", &[0x30, 0x80]),
 ];
 
-fn mqtt() -> String {
+fn mqtt(wire: Wire) -> String {
     format!(
-        "[[mqtt]]\nname = 'd'\naddress = '127.0.0.1:PORT'\ntimeout_s = 4\nreconnect_max_ms = 500\n{}",
+        "[[mqtt]]\nname = 'd'\naddress = '127.0.0.1:PORT'\ntimeout_s = 4\nreconnect_max_ms = 500\n{}{}",
+        ca(wire),
         control_loop(|at| format!("topic = 'a/{at}'\n"))
     )
 }
 
 #[test]
 fn mqtt_brokers() {
-    holds("mqtt", &mqtt(), &MQTT);
+    holds("mqtt", &mqtt(Wire::Clear), Wire::Clear, &MQTT);
+}
+
+#[test]
+fn mqtt_brokers_by_tls() {
+    holds("mqtt, TLS", &mqtt(TLS), TLS, &MQTT);
 }
 
 const LET_IN: &[u8] = b"R\0\0\0\x08\0\0\0\0Z\0\0\0\x05I";
@@ -219,12 +119,110 @@ const POSTGRESQL: [Flood; 5] = [
     flood("a row of 2 GB", LET_IN, b"D\x7f\xff\xff\xf0\0\0"),
 ];
 
-fn postgresql() -> String {
-    "[store]\nfolder = 'FOLDER'\nurl = 'postgres://stictiond@127.0.0.1:PORT/history'\n".to_string()
+fn postgresql(wire: Wire) -> String {
+    format!("[store]\nfolder = 'FOLDER'\nurl = 'postgres://stictiond@127.0.0.1:PORT/history'\n{}", ca(wire))
 }
 
 #[test]
 fn postgresql_servers() {
-    let plant = modbus("tcp").replace("PORT", "9");
-    holds("postgresql", &(postgresql() + &plant), &POSTGRESQL);
+    holds("postgresql", &(postgresql(Wire::Clear) + &plant()), Wire::Clear, &POSTGRESQL);
+}
+
+#[test]
+fn postgresql_servers_by_tls() {
+    // It is asked in eight bytes whether it encrypts.
+    let wire = Wire::Tls(8, b"S");
+    holds("postgresql, TLS", &(postgresql(wire) + &plant()), wire, &POSTGRESQL);
+}
+
+/// What is told at once: that the device is away.
+const TOLD: &str = "[alarm.collector_down]\nafter_s = 1.0\n";
+const PACE: &str =
+    "pace = { wait_s = 0.05, interval_s = 0.0 }\nretry = { first_s = 0.05, longest_s = 0.1 }\n";
+
+const MAIL: [Flood; 3] = [
+    flood("a greeting without a line end", b"220 ", b"a"),
+    flood("lines without end", b"", b"220-still\r\n"),
+    flood("an answer without end", b"220 here\r\n", b"250-more\r\n"),
+];
+
+fn mail(wire: Wire) -> String {
+    let security = if wire == Wire::Clear { "none" } else { "tls" };
+    format!(
+        "[[notify.smtp]]\nname = 'm'\naddress = '127.0.0.1:PORT'\nsecurity = '{security}'\ntimeout_s = 12.0\n{}\
+         from = 's@plant.example'\nto = ['a@plant.example']\n{PACE}",
+        ca(wire)
+    )
+}
+
+#[test]
+fn mail_servers() {
+    holds("mail", &[TOLD, &mail(Wire::Clear), &plant()].concat(), Wire::Clear, &MAIL);
+}
+
+#[test]
+fn mail_servers_by_tls() {
+    holds("mail, TLS", &[TOLD, &mail(TLS), &plant()].concat(), TLS, &MAIL);
+}
+
+const WEB: [Flood; 5] = [
+    flood("a status line without end", b"HTTP/1.1 ", b"2"),
+    flood("a head without end", b"HTTP/1.1 200 OK\r\n", b"x-a: b\r\n"),
+    flood("a body without end", b"HTTP/1.1 500 No\r\n\r\n", b"a"),
+    flood("chunks without end", b"HTTP/1.1 500 No\r\ntransfer-encoding: chunked\r\n\r\n", b"1\r\na\r\n"),
+    flood("preliminary answers", b"", b"HTTP/1.1 103 Early Hints\r\nx: y\r\n\r\n"),
+];
+
+fn web(wire: Wire) -> String {
+    let scheme = if wire == Wire::Clear { "http" } else { "https" };
+    format!(
+        "[[notify.webhook]]\nname = 'w'\nurl = '{scheme}://127.0.0.1:PORT/'\nsecret_file = 'SECRET'\n\
+         timeout_s = 3.0\n{}{PACE}",
+        ca(wire)
+    )
+}
+
+#[test]
+fn web_servers() {
+    holds("webhook", &[TOLD, &web(Wire::Clear), &plant()].concat(), Wire::Clear, &WEB);
+}
+
+#[test]
+fn web_servers_by_tls() {
+    holds("webhook, TLS", &[TOLD, &web(TLS), &plant()].concat(), TLS, &WEB);
+}
+
+const NATS: [Flood; 8] = [
+    flood("a greeting without end", b"INFO {\"server_id\":\"", b"x"),
+    flood("a message of 4 GB", logged_in!("MSG a 1 4000000000\r\n"), b"x"),
+    flood("a message of 4 GB with a head", logged_in!("HMSG a 1 12 4000000000\r\nNATS/1.0\r\n\r\n"), b"x"),
+    flood("a message of 8 MB and no end", logged_in!("MSG a 1 8388608\r\n"), b"x"),
+    flood("a line without end", logged_in!(), b"MSG "),
+    flood("messages", logged_in!(), b"MSG a 1 5\r\nhello\r\n"),
+    flood("questions", logged_in!(), b"PING\r\n"),
+    // The library panics at it, and never connects again.
+    flood("errors without a word", logged_in!(), b"-ERR\r\n"),
+];
+const NATS_BY_TLS: [Flood; 4] = [
+    flood("a message of 4 GB", b"PONG\r\nMSG a 1 4000000000\r\n", b"x"),
+    flood("a line without end", b"PONG\r\n", b"MSG "),
+    flood("messages", b"PONG\r\n", b"MSG a 1 5\r\nhello\r\n"),
+    flood("questions", b"PONG\r\n", b"PING\r\n"),
+];
+
+fn nats(wire: Wire) -> String {
+    let scheme = if wire == Wire::Clear { "nats" } else { "tls" };
+    format!("[fleet]\nsite = 'north'\nservers = ['{scheme}://127.0.0.1:PORT']\n{}", ca(wire))
+}
+
+#[test]
+fn nats_servers() {
+    holds("nats", &nats(Wire::Clear), Wire::Clear, &NATS);
+}
+
+#[test]
+fn nats_servers_by_tls() {
+    // It says so in the clear.
+    let wire = Wire::Tls(0, b"INFO {\"server_id\":\"x\",\"max_payload\":8388608,\"tls_required\":true}\r\n");
+    holds("nats, TLS", &nats(wire), wire, &NATS_BY_TLS);
 }

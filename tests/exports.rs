@@ -3,6 +3,8 @@
 
 #[path = "exports/archive.rs"]
 mod archive;
+#[path = "exports/bombs.rs"]
+mod bombs;
 #[path = "exports/clocks.rs"]
 mod clocks;
 #[path = "exports/columns.rs"]

@@ -31,7 +31,7 @@ pub struct Config {
     /// The user's password.
     #[serde(default)]
     pub password_file: Option<PathBuf>,
-    /// Who signs the server's certificate, beside those that the system trusts.
+    /// Who signs the server's certificate, in place of those that the system trusts.
     #[serde(default)]
     pub ca_file: Option<PathBuf>,
     /// This machine's certificate, where the server asks for one.

@@ -1,8 +1,10 @@
-//! The only code that talks to NATS.
+//! What is asked of NATS, through its client; [`super::relay`] bounds what its servers say.
 
 use super::config::Config;
 use super::lease::Seen;
 use super::login;
+use super::ops::MOST_MESSAGE;
+use super::relay::Relay;
 use super::streams::{self, LATEST, LEASE};
 use async_nats::connection::State;
 use async_nats::jetstream::consumer::{AckPolicy, Consumer, DeliverPolicy, pull};
@@ -23,20 +25,21 @@ const ANSWER: Duration = Duration::from_secs(5);
 const SILENT: Duration = Duration::from_secs(4);
 /// Messages that are on their way at once.
 const UNDER_WAY: usize = 128;
-/// Messages that the client holds for the socket; what does not fit waits.
-const BUFFERED: usize = 256;
-/// Messages that a subscription holds for us.
-const SUBSCRIBED: usize = 1024;
+/// Messages that are asked for at once. What comes for all readers together is to be less than
+/// [`MOST_ANSWER`](super::ops::MOST_ANSWER).
+const PORTION: usize = 32;
+/// The same of messages that may be as large as any: what machines say of themselves.
+const LARGE: usize = 1;
+/// Bytes after which no more are asked for before those are taken.
+const HELD: usize = 1 << 23;
+/// Shortest wait that is asked for: a server takes none at all for one without end.
+const SHORTEST: Duration = Duration::from_millis(10);
 /// A consumer that nobody asked for longer is forgotten by the server.
 const FORGOTTEN_AFTER: Duration = Duration::from_secs(7 * 86_400);
 /// A message that its only reader has not done within this time is given to it again.
 const GIVEN_AGAIN: Duration = Duration::from_secs(10);
 /// How late a server may be with that.
 const MARGIN: Duration = Duration::from_secs(1);
-/// How often a server asks whether we are there, and we whether it is.
-const PING: Duration = Duration::from_secs(5);
-/// Longest pause between two attempts to connect.
-const MAX_PAUSE: Duration = Duration::from_secs(5);
 
 /// Why the link does not do what it was asked.
 #[derive(Debug, thiserror::Error)]
@@ -147,6 +150,8 @@ impl Incoming {
 #[derive(Debug)]
 pub struct Reading {
     consumer: Consumer<pull::Config>,
+    /// Messages that are asked for at once.
+    portion: usize,
     /// Why the last answer broke off.
     broken: Option<LinkError>,
     /// The number that the server gives to the next message, where this is the only reader.
@@ -157,7 +162,7 @@ pub struct Reading {
 
 impl Reading {
     fn shared(consumer: Consumer<pull::Config>) -> Self {
-        Self { consumer, broken: None, next: None, again: Vec::new() }
+        Self { consumer, portion: PORTION, broken: None, next: None, again: Vec::new() }
     }
 
     fn alone(consumer: Consumer<pull::Config>) -> Self {
@@ -184,13 +189,30 @@ impl Reading {
         if !self.again.is_empty() {
             return Ok(self.again.drain(..most.min(self.again.len())).collect());
         }
-        self.ask(most, patience).await
+        let (until, mut all, mut bytes) = (Instant::now() + patience, Vec::new(), 0);
+        loop {
+            let (wanted, now) = (self.portion.min(most - all.len()), Instant::now());
+            match self.ask(wanted, until.saturating_duration_since(now).max(SHORTEST)).await {
+                Err(error) if all.is_empty() => return Err(error),
+                Err(error) => self.broken = Some(error),
+                Ok(some) => {
+                    let is_whole = some.len() == wanted && self.broken.is_none();
+                    bytes += some.iter().map(|message| message.body().len()).sum::<usize>();
+                    all.extend(some);
+                    if is_whole && all.len() < most && bytes < HELD && Instant::now() < until {
+                        continue;
+                    }
+                }
+            }
+            return Ok(all);
+        }
     }
 
     async fn ask(&mut self, most: usize, patience: Duration) -> Result<Vec<Incoming>, LinkError> {
         if let Some(error) = self.broken.take() {
             return Err(error);
         }
+        let most = most.min(self.portion);
         let asked = self.consumer.batch().max_messages(most).expires(patience).messages();
         let mut messages = asked.await.map_err(away)?;
         let mut all = Vec::new();
@@ -232,20 +254,16 @@ impl Link {
     /// # Errors
     /// [`LinkError::Settings`].
     pub async fn connect(config: &Config, name: &str) -> Result<Self, LinkError> {
-        let options = login::options(config)
-            .map_err(LinkError::Settings)?
-            .name(format!("stictiond {name}"))
-            .retry_on_initial_connect()
-            .client_capacity(BUFFERED)
-            .subscription_capacity(SUBSCRIBED)
-            .ping_interval(PING)
-            .connection_timeout(ANSWER)
-            .request_timeout(Some(ANSWER))
-            .reconnect_delay_callback(|attempt| {
-                Duration::from_millis(100 * 2u64.saturating_pow(attempt.min(10) as u32)).min(MAX_PAUSE)
-            })
-            .event_callback(|event| async move { tracing::info!(%event, "NATS") });
-        let client = options.connect(config.servers.clone()).await.map_err(away)?;
+        let options = login::options(config).map_err(LinkError::Settings)?;
+        let relay = Relay::start(config, format!("stictiond {name}")).await.map_err(LinkError::Settings)?;
+        let url = relay.url();
+        // The relay ends when the library drops this, with its connection.
+        let options =
+            options.name(relay.secret()).request_timeout(Some(ANSWER)).event_callback(move |event| {
+                relay.tell(&event);
+                std::future::ready(())
+            });
+        let client = options.connect(url).await.map_err(away)?;
         let js = ContextBuilder::new()
             .domain(&config.domain)
             .timeout(ANSWER)
@@ -259,9 +277,9 @@ impl Link {
         self.client.connection_state() == State::Connected
     }
 
-    /// Largest message that the server takes (bytes).
+    /// Largest message that the server takes, and that whoever reads it takes from a server (bytes).
     pub fn max_bytes(&self) -> usize {
-        self.client.max_payload()
+        self.client.max_payload().min(MOST_MESSAGE as usize)
     }
 
     /// Makes the streams that are not there; those that are stay as they are.
@@ -424,7 +442,8 @@ impl Link {
             inactive_threshold: Duration::from_secs(300),
             ..pull::Config::default()
         };
-        Ok(Reading::alone(stream.create_consumer(config).await.map_err(away)?))
+        let reading = Reading::alone(stream.create_consumer(config).await.map_err(away)?);
+        Ok(Reading { portion: LARGE, ..reading })
     }
 
     /// The lease as it stands.

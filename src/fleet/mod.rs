@@ -1,4 +1,5 @@
-//! Many machines as one, over NATS JetStream: what they say to each other, and the only code that talks to NATS.
+//! Many machines as one, over NATS JetStream: what they say to each other, and the only code that talks to NATS. Its client
+//! reaches a server through a relay of ours, which bounds what the server may say.
 //!
 //! ```text
 //! edge    --samples, diagnoses, alarms, hello-->  streams  -->  centre
@@ -21,6 +22,8 @@ pub mod lease;
 pub mod link;
 mod login;
 pub mod message;
+pub mod ops;
+mod relay;
 pub mod streams;
 pub mod subject;
 

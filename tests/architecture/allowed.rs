@@ -224,11 +224,12 @@ pub const CONFIG_FILES: &[&str] = &[
     "src/work/config.rs",
     "src/writeback/config.rs",
 ];
-/// Other places that may name serde: the file of users and tokens, a broker's messages, what receivers are sent, the loader of the file, the DTOs, and where those are turned from and into text.
+/// Other places that may name serde: the file of users and tokens, a broker's messages, what a NATS server and its client say of themselves, what receivers are sent, the loader of the file, the DTOs, and where those are turned from and into text.
 pub const SERDE_PLACES: &[&str] = &[
     "src/access/file.rs",
     "src/collect/mqtt/json.rs",
     "src/collect/mqtt/probe.rs",
+    "src/fleet/relay.rs",
     "src/notify/letters.rs",
     "src/notify/mqtt/message.rs",
     "src/notify/payload.rs",

@@ -1,8 +1,8 @@
 //! The only reader of a stream gets its messages in their order, whatever became of the one before it.
 
 use crate::nats::Nats;
+use crate::rig::connected;
 use std::time::{Duration, Instant};
-use stictiond::fleet::config::Config;
 use stictiond::fleet::link::{Link, Outgoing, Reading};
 use stictiond::fleet::streams::EVENTS;
 use stictiond::fleet::subject::{Subject, What};
@@ -33,21 +33,10 @@ async fn take(reading: &mut Reading, count: usize, done: impl Fn(u32) -> bool) -
     numbers
 }
 
-async fn connected(hub: &Nats) -> Link {
-    let config: Config = toml::from_str(&format!("servers = [{:?}]", hub.url())).expect("readable");
-    let link = Link::connect(&config, "reader").await.expect("begins");
-    let begun = Instant::now();
-    while link.make_streams(&config).await.is_err() {
-        assert!(begun.elapsed() < PATIENCE, "no server");
-        tokio::time::sleep(Duration::from_millis(50)).await;
-    }
-    link
-}
-
 #[tokio::test]
 async fn what_was_given_and_not_done_comes_first_and_in_order() {
     let hub = Nats::hub();
-    let link = connected(&hub).await;
+    let link = connected(&hub, "").await;
     send(&link, 0..40).await;
     let mut first = link.read(EVENTS, "centre_c1", "").await.expect("the server is there");
     // Some are done and others not, as where a centre is killed.
@@ -75,7 +64,7 @@ async fn what_was_given_and_not_done_comes_first_and_in_order() {
 #[tokio::test]
 async fn what_was_given_comes_before_what_is_new_also_from_a_server_that_was_killed_meanwhile() {
     let mut hub = Nats::hub();
-    let link = connected(&hub).await;
+    let link = connected(&hub, "").await;
     send(&link, 0..30).await;
     let mut first = link.read(EVENTS, "centre_c1", "").await.expect("the server is there");
     take(&mut first, 30, |number| number < 10).await;
@@ -85,7 +74,7 @@ async fn what_was_given_comes_before_what_is_new_also_from_a_server_that_was_kil
         tokio::time::sleep(Duration::from_millis(10_500)).await;
         hub.end();
         hub.begin();
-        let own = connected(&hub).await;
+        let own = connected(&hub, "").await;
         send(&own, 30..40).await;
     };
     let read = async {
@@ -105,7 +94,7 @@ async fn what_was_given_comes_before_what_is_new_also_from_a_server_that_was_kil
 #[tokio::test]
 async fn a_stream_that_is_made_anew_is_another_to_who_reads_it() {
     let hub = Nats::hub();
-    let link = connected(&hub).await;
+    let link = connected(&hub, "").await;
     send(&link, 0..3).await;
     let mut first = link.read(EVENTS, "centre_c1", "").await.expect("the server is there");
     assert_eq!(take(&mut first, 3, |_| true).await, [0, 1, 2]);
@@ -115,7 +104,7 @@ async fn a_stream_that_is_made_anew_is_another_to_who_reads_it() {
 
     let client = async_nats::connect(hub.url()).await.expect("the server is there");
     async_nats::jetstream::new(client).delete_stream(EVENTS).await.expect("it is there");
-    let link = connected(&hub).await;
+    let link = connected(&hub, "").await;
     send(&link, 3..5).await;
     // What was read before ends, and does not wait for ever.
     let begun = Instant::now();

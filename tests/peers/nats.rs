@@ -8,6 +8,20 @@ use std::time::{Duration, Instant};
 
 /// Far longer than a start takes even on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(60);
+const MISSING: &str = "nats-server is not installed: run scripts/peers once, then the tests again";
+
+/// Debian's program.
+fn program() -> Command {
+    let debian = Path::new("/usr/sbin/nats-server");
+    Command::new(if debian.exists() { debian } else { Path::new("nats-server") })
+}
+
+/// Whether it takes a configuration, and what it says of it; nothing is started.
+pub fn check(config: &Path) -> (bool, String) {
+    let output = program().arg("-t").arg("-c").arg(config).output().expect(MISSING);
+    let said = String::from_utf8_lossy(&output.stdout) + String::from_utf8_lossy(&output.stderr);
+    (output.status.success(), said.into_owned())
+}
 
 /// A server, running or stopped, that keeps its ports.
 pub struct Nats {
@@ -21,7 +35,7 @@ pub struct Nats {
 impl Nats {
     /// The server that keeps the streams.
     pub fn hub() -> Self {
-        Self::new("hub", |folder, [clients, leaves]| {
+        Self::with("hub", |folder, [clients, leaves]| {
             format!(
                 "server_name: hub\nlisten: 127.0.0.1:{clients}\njetstream {{ domain: stictiond, store_dir: {:?} }}\n\
                  leafnodes {{ listen: 127.0.0.1:{leaves} }}\n",
@@ -32,8 +46,8 @@ impl Nats {
 
     /// A server at a site, which passes everything on to the hub.
     pub fn leaf(hub: &Nats) -> Self {
-        let to = hub.ports[1];
-        Self::new("leaf", |_, [clients, _]| {
+        let to = hub.leaf_port();
+        Self::with("leaf", |_, [clients, _]| {
             format!(
                 "server_name: leaf-{clients}\nlisten: 127.0.0.1:{clients}\n\
                  leafnodes {{ reconnect: 1, remotes: [ {{ url: \"nats://127.0.0.1:{to}\" }} ] }}\n"
@@ -41,7 +55,8 @@ impl Nats {
         })
     }
 
-    fn new(name: &str, text: impl FnOnce(&Path, [u16; 2]) -> String) -> Self {
+    /// One with a configuration of its own: of its folder, and of ports for clients and for leaf nodes.
+    pub fn with(name: &str, text: impl FnOnce(&Path, [u16; 2]) -> String) -> Self {
         static COUNT: AtomicUsize = AtomicUsize::new(0);
         let number = COUNT.fetch_add(1, Ordering::Relaxed);
         let folder =
@@ -65,6 +80,11 @@ impl Nats {
         format!("nats://127.0.0.1:{}", self.ports[0])
     }
 
+    /// Where leaf nodes connect to.
+    pub fn leaf_port(&self) -> u16 {
+        self.ports[1]
+    }
+
     /// Where it keeps what it has.
     pub fn folder(&self) -> &Path {
         &self.folder
@@ -79,15 +99,8 @@ impl Nats {
     pub fn begin(&mut self) {
         let log =
             fs::File::options().append(true).create(true).open(self.folder.join("log")).expect("writable");
-        let debian = Path::new("/usr/sbin/nats-server");
-        let process = Command::new(if debian.exists() { debian } else { Path::new("nats-server") })
-            .arg("-c")
-            .arg(&self.config)
-            .stdout(Stdio::null())
-            .stderr(log)
-            .spawn()
-            .expect("nats-server is not installed: run scripts/peers once, then the tests again");
-        self.process = Some(process);
+        let process = program().arg("-c").arg(&self.config).stdout(Stdio::null()).stderr(log).spawn();
+        self.process = Some(process.expect(MISSING));
         let begun = Instant::now();
         while std::net::TcpStream::connect(("127.0.0.1", self.ports[0])).is_err() {
             assert!(begun.elapsed() < PATIENCE, "{}", self.log());
@@ -103,7 +116,8 @@ impl Nats {
         }
     }
 
-    fn log(&self) -> String {
+    /// What it has said so far.
+    pub fn log(&self) -> String {
         fs::read_to_string(self.folder.join("log")).unwrap_or_default()
     }
 }

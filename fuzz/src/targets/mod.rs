@@ -5,6 +5,7 @@ mod archive;
 mod blocks;
 mod bundle;
 mod config;
+mod fleet;
 mod http;
 mod ledger;
 mod modbus;
@@ -42,6 +43,7 @@ pub const TARGETS: &[Target] = &[
     target("opcua", opcua::run, 2048 + 32),
     target("json", mqtt::json, 32),
     target("sparkplug", mqtt::sparkplug, 32),
+    target("fleet", fleet::run, 32),
     target("blocks", blocks::run, 64),
     target("journal", ledger::journal, 64),
     target("ledger", ledger::files, 64),

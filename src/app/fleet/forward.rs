@@ -119,7 +119,10 @@ impl Forward {
         if !missing.is_empty() {
             // The store first: a centre's rings go forward only.
             let config = config.clone();
-            let read = tokio::task::spawn_blocking(move || from_store(&config, missing, most)).await;
+            let read = tokio::task::spawn_blocking(move || {
+                from_store(&config, missing, most).inspect_err(|error| store::heed(&config, error))
+            })
+            .await;
             match read {
                 Ok(Ok((found, nothing))) => {
                     parts = found;
@@ -249,7 +252,10 @@ impl Forward {
         };
         let (site, own) = (self.site.clone(), config.clone());
         let most = link.max_bytes().saturating_sub(HEAD_BYTES);
-        let read = tokio::task::spawn_blocking(move || news(&site, &own, cursor, (&told, most))).await;
+        let read = tokio::task::spawn_blocking(move || {
+            news(&site, &own, cursor, (&told, most)).inspect_err(|error| store::heed(&own, error))
+        })
+        .await;
         let News { messages, changes, after, more } = match read {
             Ok(Ok(read)) => read,
             Ok(Err(error)) => {

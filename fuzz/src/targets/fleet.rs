@@ -1,0 +1,47 @@
+//! What a NATS server sends, as it is counted, and what the machines of a fleet say through it.
+
+use prost::Message;
+use stictiond::fleet::convert;
+use stictiond::fleet::message::{
+    Action, Alarm, Answer, Cursor, Diagnosis, Hello, Pulse, Run, Samples, Window,
+};
+use stictiond::fleet::ops::Watch;
+
+/// What is read says the same again.
+fn read<M: Message + Default>(bytes: &[u8]) -> Option<M> {
+    let own = M::decode(bytes).ok()?;
+    let said = own.encode_to_vec();
+    let again = M::decode(&said[..]).expect("what we say can be read");
+    assert!(again.encode_to_vec() == said);
+    Some(own)
+}
+
+fn row(run: &Run) {
+    let _ = convert::diagnosis_row(run);
+}
+
+/// Bytes of a server on one connection, in pieces and whole, and the same as each message.
+pub fn run(bytes: &[u8]) {
+    let (mut whole, mut cut) = (Watch::default(), Watch::default());
+    let all = whole.server(bytes).map(drop);
+    let pieces = bytes.chunks(7).try_for_each(|piece| cut.server(piece).map(drop));
+    assert!(all == pieces, "cuts make a difference: {all:?}, {pieces:?}");
+    let _ = whole.client(bytes);
+    let _ = read::<Samples>(bytes);
+    let _ = read::<Window>(bytes);
+    let _ = read::<Action>(bytes);
+    let _ = read::<Hello>(bytes);
+    let _ = read::<Pulse>(bytes);
+    let _ = read::<Cursor>(bytes);
+    if let Some(run) = read::<Answer>(bytes).and_then(|answer| answer.run) {
+        row(&run);
+    }
+    if let Some(Diagnosis { run: Some(run), model, .. }) = read::<Diagnosis>(bytes) {
+        row(&run);
+        let _ = model.map(|model| convert::model_row(&run.control_loop, &model));
+    }
+    if let Some(Alarm { state: Some(state), change, .. }) = read::<Alarm>(bytes) {
+        let _ = change.map(|change| convert::change_row(&state.subject, &state.kind, &change));
+        let _ = convert::alarm_row(state);
+    }
+}

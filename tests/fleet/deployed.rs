@@ -1,0 +1,270 @@
+//! The servers as `deploy/nats` configures them, with ports, passwords and a folder put in: each role can do its part, and no
+//! more.
+
+use crate::daemon::{Daemon, folder, stictiond};
+use crate::nats::{Nats, check};
+use crate::rig::{PATIENCE, alarm, diagnosed, loops, tells};
+use async_nats::Subscriber;
+use futures::{FutureExt, StreamExt};
+use std::fmt::Display;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+use stictiond::fleet::config::Config;
+use stictiond::fleet::link::{Link, Outgoing};
+use stictiond::fleet::streams::{ACTIONS, EVENTS, SAMPLES, WINDOWS};
+use stictiond::fleet::subject::{NO_SITE, Subject, What, all};
+
+/// What stands in `hub.conf` for the hash of a password.
+const HASH: &str = "$2a$11$replace.this.by.the.hash.of.a.password.of.your.ownxxxxxxxx";
+const PASSWORD: &str = "a-password-of-our-own";
+const A_WHILE: Duration = Duration::from_secs(10);
+
+fn path(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("deploy/nats").join(name)
+}
+
+/// A configuration with something in place of what has to stand there.
+fn filled(name: &str, with: &[(&str, String)]) -> String {
+    let mut text = fs::read_to_string(path(name)).expect("readable");
+    for (old, new) in with {
+        assert!(text.contains(*old), "{name} has no {old}");
+        text = text.replace(*old, new);
+    }
+    text
+}
+
+fn hub() -> Nats {
+    Nats::with("deployed-hub", |folder, [clients, leaves]| {
+        filled(
+            "hub.conf",
+            &[
+                ("listen: 0.0.0.0:4222", format!("listen: 127.0.0.1:{clients}")),
+                ("listen: 0.0.0.0:7422", format!("listen: 127.0.0.1:{leaves}")),
+                ("/var/lib/nats", folder.join("js").display().to_string()),
+                (HASH, PASSWORD.to_string()),
+            ],
+        )
+    })
+}
+
+/// The leaf node of the site called north.
+fn leaf(hub: &Nats) -> Nats {
+    let address = format!("nats-leaf://edge-north:{PASSWORD}@127.0.0.1:{}", hub.leaf_port());
+    Nats::with("deployed-leaf", |_, [clients, _]| {
+        filled(
+            "leaf.conf",
+            &[
+                ("listen: 127.0.0.1:4222", format!("listen: 127.0.0.1:{clients}")),
+                ("nats-leaf://edge-north:PASSWORD@hub.example:7422", address),
+            ],
+        )
+    })
+}
+
+/// `[fleet]` of who connects there; by a name and the password in a file of the folder, where a server asks for one.
+fn section(server: &Nats, user: Option<&str>, folder: &Path) -> String {
+    let file = folder.join("password");
+    fs::write(&file, PASSWORD).expect("writable");
+    let login = user.map(|user| format!("user = {user:?}\npassword_file = {file:?}\n"));
+    format!("servers = [{:?}]\n{}", server.url(), login.unwrap_or_default())
+}
+
+async fn link(section: &str) -> (Link, Config) {
+    let config: Config = toml::from_str(section).expect("readable");
+    (Link::connect(&config, "test").await.expect("begins"), config)
+}
+
+fn message(site: &str, name: &str, what: What) -> Outgoing {
+    Outgoing::once(Subject::new(site, name, what).to_string(), what.as_str().as_bytes().to_vec())
+}
+
+/// Sends a message, at the first time before everything is connected.
+async fn sent(link: &Link, message: Outgoing) {
+    let (begun, message) = (Instant::now(), [message]);
+    while let Err((_, error)) = link.send(&message).await {
+        assert!(begun.elapsed() < PATIENCE, "{}: {error}", message[0].subject);
+        tokio::time::sleep(Duration::from_millis(50)).await;
+    }
+}
+
+fn good<T, E: Display>(done: Result<T, E>) -> T {
+    done.unwrap_or_else(|error| panic!("{error}"))
+}
+
+#[test]
+fn the_servers_take_their_configurations() {
+    for name in ["hub.conf", "leaf.conf"] {
+        let (is_good, said) = check(&path(name));
+        assert!(is_good, "{said}");
+    }
+    // One that is none is refused.
+    let folder = folder("deployed-check");
+    let broken = folder.join("broken.conf");
+    fs::write(&broken, filled("hub.conf", &[("permissions: $WORKER", "permissions: $NOBODY".to_string())]))
+        .expect("writable");
+    let (is_good, said) = check(&broken);
+    assert!(!is_good, "{said}");
+    fs::remove_dir_all(&folder).expect("writable");
+}
+
+/// A fleet's links: each by its log-in.
+struct Roles {
+    centre: Link,
+    worker: Link,
+    /// Nobody to its leaf node, which has the log-in of its site.
+    edge: Link,
+}
+
+impl Roles {
+    async fn of(hub: &Nats, leaf: &Nats, folder: &Path) -> Self {
+        let (centre, config) = link(&section(hub, Some("centre"), folder)).await;
+        let begun = Instant::now();
+        while let Err(error) = centre.make_streams(&config).await {
+            assert!(begun.elapsed() < PATIENCE, "{error}");
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
+        let (worker, _) = link(&section(hub, Some("worker"), folder)).await;
+        let (edge, _) = link(&section(leaf, None, folder)).await;
+        Self { centre, worker, edge }
+    }
+
+    /// What an edge forwards arrives; a window goes to a worker and its answer to the edge, and an order to the edge.
+    async fn do_their_parts(&self) {
+        let Self { centre, worker, edge } = self;
+        for what in [What::Samples, What::Diagnosis, What::Alarm, What::Hello, What::Pulse, What::Cursor] {
+            sent(edge, message("north", "A", what)).await;
+        }
+        let samples = Subject::new("north", "A", What::Samples).to_string();
+        let last = good(edge.last(SAMPLES, &samples).await);
+        assert_eq!(last.map(|(_, body)| body).as_deref(), Some(&b"samples"[..]));
+        good(centre.write_lease(0, "0 c1".to_string()).await);
+        assert!(good(edge.lease().await).is_some());
+        for (stream, count) in [(SAMPLES, 1), (EVENTS, 2)] {
+            let mut reading = good(centre.read(stream, "centre_c1", "").await);
+            let found = good(reading.next(count, A_WHILE).await);
+            assert_eq!(found.len(), count, "{stream}");
+            for own in found {
+                good(own.done().await);
+            }
+        }
+
+        let mut answers = good(edge.hear(all(Some("north"), What::Answer)).await);
+        sent(edge, message("north", "A", What::Window)).await;
+        sent(worker, message(NO_SITE, "w1", What::Pulse)).await;
+        let mut windows =
+            good(worker.share(WINDOWS, "workers", &all(None, What::Window), (A_WHILE, 3)).await);
+        let window = good(windows.next(1, A_WHILE).await).pop().expect("a window");
+        let answer = message("north", "A", What::Answer);
+        good(worker.tell(answer.subject, answer.body).await);
+        good(window.done().await);
+        let answer = tokio::time::timeout(PATIENCE, answers.next()).await.expect("it is heard");
+        assert_eq!(answer.expect("it is connected").payload[..], b"answer"[..]);
+
+        sent(centre, message("north", "A", What::Action)).await;
+        let mut orders = good(edge.read(ACTIONS, "edge_north", &all(Some("north"), What::Action)).await);
+        let order = good(orders.next(1, A_WHILE).await).pop().expect("an order");
+        good(order.done().await);
+    }
+
+    /// What is not theirs the hub does not take from them, and does not give them.
+    async fn do_no_more(&self) {
+        let Self { centre, worker, edge } = self;
+        let mut overheard = good(worker.hear(all(None, What::Samples)).await);
+        let mut foreign = good(edge.hear(all(Some("east"), What::Answer)).await);
+        let mut own = good(edge.hear(all(Some("north"), What::Answer)).await);
+        sent(edge, message("north", "B", What::Samples)).await;
+        let samples = Subject::new("north", "B", What::Samples).to_string();
+        // Who asks what it may not gets no answer, and waits for one.
+        let refused = tokio::join!(
+            async { edge.send(&[message("north", "B", What::Action)]).await.is_err() },
+            async { edge.write_lease(1, "0 edge".to_string()).await.is_err() },
+            async { edge.read(WINDOWS, "thief", "").await.is_err() },
+            async { worker.send(&[message("north", "C", What::Action)]).await.is_err() },
+            async { worker.send(&[message("north", "C", What::Samples)]).await.is_err() },
+            async { worker.last(SAMPLES, &samples).await.is_err() },
+            async { worker.read(SAMPLES, "thief", "").await.is_err() },
+        );
+        assert_eq!(refused, (true, true, true, true, true, true, true));
+        // Nothing of it is there, and the links are as good as before.
+        for (stream, name, what) in
+            [(ACTIONS, "B", What::Action), (ACTIONS, "C", What::Action), (SAMPLES, "C", What::Samples)]
+        {
+            let subject = Subject::new("north", name, what).to_string();
+            assert_eq!(good(centre.last(stream, &subject).await), None, "{subject}");
+        }
+        assert_eq!(good(centre.lease().await).map(|own| own.holder).as_deref(), Some("c1"));
+        good(worker.share(WINDOWS, "workers", &all(None, What::Window), (A_WHILE, 3)).await);
+        assert!(!has_heard(&mut overheard), "a worker has heard samples");
+        // The answer to another site first: who hears the second would have heard it.
+        for site in ["east", "north"] {
+            let answer = message(site, "A", What::Answer);
+            good(worker.tell(answer.subject, answer.body).await);
+        }
+        tokio::time::timeout(PATIENCE, own.next()).await.expect("it is heard").expect("it is connected");
+        assert!(!has_heard(&mut foreign), "an edge has heard what another is told");
+    }
+}
+
+/// Whether something has come.
+fn has_heard(subscriber: &mut Subscriber) -> bool {
+    matches!(subscriber.next().now_or_never(), Some(Some(_)))
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn each_role_can_do_its_part_and_no_more() {
+    let folder = folder("deployed-roles");
+    let hub = hub();
+    let leaf = leaf(&hub);
+    let roles = Roles::of(&hub, &leaf, &folder).await;
+    roles.do_their_parts().await;
+    assert!(!hub.log().contains("Violation"), "{}", hub.log());
+    roles.do_no_more().await;
+    assert!(hub.log().contains("Publish Violation - User \"worker\""), "{}", hub.log());
+    fs::remove_dir_all(&folder).expect("writable");
+}
+
+/// A daemon of each role: what they ask of the servers is what their log-ins may.
+#[test]
+fn the_daemons_of_each_role_need_no_more_than_they_may() {
+    let folder = folder("deployed-daemons");
+    let hub = hub();
+    let leaf = leaf(&hub);
+    let start = |role: &str, name: &str, (server, user): (&Nats, Option<&str>), rest: &str| -> Daemon {
+        let store = folder.join(format!("store-{name}"));
+        let store = if role == "worker" { String::new() } else { format!("[store]\nfolder = {store:?}\n") };
+        let fleet = format!("[fleet]\nname = '{name}'\n{}", section(server, user, &folder));
+        let config = folder.join(format!("{name}.toml"));
+        fs::write(&config, format!("[server]\nlisten = '127.0.0.1:0'\n{store}{fleet}{rest}"))
+            .expect("writable");
+        Daemon::start(stictiond(), role, &config)
+    };
+    let centre = start("centre", "c1", (&hub, Some("centre")), "");
+    centre.until("the centre leads", PATIENCE, tells);
+    let worker = start("worker", "w1", (&hub, Some("worker")), "");
+    // A loop without samples is diagnosed, too.
+    let tag = |role: &str| {
+        format!("[loop.{role}]\ndevice = 'd'\nregister = 'holding'\naddress = 0\ntype = 'f32'\n")
+    };
+    let rest = format!(
+        "site = 'north'\n[schedule]\nperiod_s = 2\n[[modbus]]\nname = 'd'\naddress = '127.0.0.1:9'\naddress_base = 0\n\
+         [[loop]]\nid = 'A'\nop_span = 100.0\n{}{}",
+        tag("op"),
+        tag("pv").replace("address = 0", "address = 2")
+    );
+    let edge = start("edge", "e1", (&leaf, None), &rest);
+    centre.until("a worker's diagnosis is at the centre", PATIENCE, |centre| {
+        let is_there = loops(centre).get("north:A").is_some_and(|own| own["verdict"].is_string());
+        is_there && diagnosed(centre).get("w1").is_some_and(|count| *count > 0)
+    });
+    centre.ask("POST", "/api/v1/alarms/north:A/out-of-service", "{\"by\":\"kim\"}");
+    edge.until("the edge does what the centre wants", PATIENCE, |edge| alarm(edge, "A") == "out-of-service");
+    centre.until("the centre knows", PATIENCE, |centre| alarm(centre, "north:A") == "out-of-service");
+    let known = centre.json("/api/v1/fleet");
+    assert_eq!(known["machines"].as_array().map(Vec::len), Some(3), "{known}");
+    edge.stop();
+    worker.stop();
+    centre.stop();
+    assert!(!hub.log().contains("Violation"), "{}", hub.log());
+    fs::remove_dir_all(&folder).expect("writable");
+}

@@ -1,0 +1,79 @@
+//! What a stream does that is full: the oldest samples go, and of what was found nothing.
+
+use crate::nats::Nats;
+use crate::rig::connected;
+use async_nats::jetstream::{self, stream::State};
+use std::time::Duration;
+use stictiond::fleet::link::{Link, Outgoing};
+use stictiond::fleet::streams::{EVENTS, SAMPLES};
+use stictiond::fleet::subject::{Subject, What, all};
+
+/// Messages of 100 kB each, which are more than the streams of this test have room for.
+const MESSAGES: u64 = 15;
+const BYTES: usize = 100_000;
+/// What the streams may take.
+const ROOM: &str = "samples_mb = 1\nevents_mb = 1";
+
+fn message(what: What, number: u64) -> Outgoing {
+    let mut body = vec![0; BYTES];
+    body[..8].copy_from_slice(&number.to_le_bytes());
+    Outgoing::once(Subject::new("north", "FIC1", what).to_string(), body)
+}
+
+async fn state(hub: &Nats, stream: &str) -> State {
+    let client = async_nats::connect(hub.url()).await.expect("the server is there");
+    let stream = jetstream::new(client).get_stream(stream).await.expect("it is there");
+    stream.cached_info().state.clone()
+}
+
+/// Sends messages until one is not taken; how many were.
+async fn fill(link: &Link, what: What) -> u64 {
+    for number in 0..MESSAGES {
+        if link.send(&[message(what, number)]).await.is_err() {
+            return number;
+        }
+    }
+    MESSAGES
+}
+
+#[tokio::test]
+async fn of_samples_the_oldest_go() {
+    let hub = Nats::hub();
+    let link = connected(&hub, ROOM).await;
+    assert_eq!(fill(&link, What::Samples).await, MESSAGES, "each is taken");
+    let own = state(&hub, SAMPLES).await;
+    assert!(own.first_sequence > 1 && own.bytes <= 1_000_000, "{own:?}");
+    assert_eq!((own.last_sequence, own.messages), (MESSAGES, MESSAGES + 1 - own.first_sequence));
+}
+
+#[tokio::test]
+async fn of_what_was_found_nothing_goes_and_what_is_new_waits_until_there_is_room() {
+    let hub = Nats::hub();
+    let link = connected(&hub, ROOM).await;
+    let kept = fill(&link, What::Diagnosis).await;
+    assert!((1..MESSAGES).contains(&kept), "{kept} were taken");
+    let own = state(&hub, EVENTS).await;
+    assert_eq!((own.first_sequence, own.messages), (1, kept));
+
+    // Two read: a centre what was found, and whoever tells people nothing but alarms, of which there is none.
+    let mut centre = link.read(EVENTS, "centre_c1", "").await.expect("the server is there");
+    link.read(EVENTS, "centres_tell", &all(None, What::Alarm)).await.expect("the server is there");
+    let messages = centre.next(usize::try_from(kept).expect("few"), Duration::from_secs(30)).await;
+    let messages = messages.expect("the server is there");
+    let number = |body: &[u8]| u64::from_le_bytes(body[..8].try_into().expect("eight bytes"));
+    let numbers: Vec<u64> = messages.iter().map(|own| number(own.body())).collect();
+    assert_eq!(numbers, (0..kept).collect::<Vec<u64>>(), "all of them, in order");
+    let last = messages.len() - 1;
+    for own in &messages[..last] {
+        own.done().await.expect("the server is there");
+    }
+    // One is under way, so that nothing is deleted yet.
+    link.purge_done(EVENTS, "centres_tell").await.expect("the server is there");
+    assert!(link.send(&[message(What::Diagnosis, kept)]).await.is_err(), "there is no room yet");
+    messages[last].done().await.expect("the server is there");
+    link.purge_done(EVENTS, "centres_tell").await.expect("the server is there");
+    // The very message that was refused.
+    link.send(&[message(What::Diagnosis, kept)]).await.map_err(|(_, error)| error).expect("there is room");
+    let own = state(&hub, EVENTS).await;
+    assert_eq!((own.first_sequence, own.messages), (kept + 1, 1));
+}
