@@ -12,6 +12,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 use stictiond::fleet::config::Config;
 use stictiond::fleet::link::{Link, LinkError, Outgoing, Reading};
+use stictiond::fleet::ops::MOST_MESSAGE;
 use stictiond::fleet::streams::{EVENTS, LATEST};
 use stictiond::fleet::subject::{Subject, What, all};
 
@@ -70,7 +71,7 @@ async fn messages_come_in_their_order_however_large_and_many_they_are() {
     let hub = hub("large", |_| "max_payload: 16MB\n".into());
     let link = connected(&config(&format!("servers = ['{}']", hub.url()))).await;
     // What no reader would take is not sent, whatever the server takes.
-    assert_eq!(link.max_bytes(), 8 << 20);
+    assert_eq!(link.max_bytes(), MOST_MESSAGE as usize);
     let refused = link.send(&[message("FIC1", What::Diagnosis, 9, 8 << 20)]).await;
     assert!(matches!(refused, Err((0, LinkError::TooLarge(_)))), "{refused:?}");
 

@@ -144,7 +144,7 @@ fn what_is_damaged_behind_the_first_look_is_found_before_it_is_said_to_be_whole(
     for hurt in [false, true] {
         copy(&whole, &own);
         if hurt {
-            overwrite(&own, "known_models");
+            overwrite(&own, "spool");
         }
         let mut store = Store::open(&config).expect("nothing is found at the start");
         let (mut shares, mut ended) = (Vec::new(), Ok(()));

@@ -172,7 +172,7 @@ fn a_file_that_is_none_is_refused() {
         (format!("{rows}A,op,x,2,good\n"), "line 3, column 3 (t): \"x\" is no time"),
         (format!("{rows}A,op,,2,good\n"), "line 3, column 3 (t): the cell is empty"),
         ("loop,tag,t,value,quality\nA,op,-3,2,good\n".into(), "times must be seconds since 1970"),
-        (format!("{rows},op,3,2,good\n"), "say which with --loop"),
+        (format!("{rows},op,1763700001,2,good\n"), "say which with --loop"),
         (format!("loop,tag,t,value\n\"{}", "x".repeat(3 << 20)), "a quote left open"),
         ("PAR1 and no more".into(), "Parquet: "),
     ] {
