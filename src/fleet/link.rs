@@ -1,4 +1,4 @@
-//! What is asked of NATS, through its client; [`super::relay`] bounds what its servers say.
+//! What is asked of NATS, through its client; `relay` bounds what its servers say.
 
 use super::config::Config;
 use super::lease::Seen;
