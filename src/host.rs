@@ -73,6 +73,9 @@ fn host_fault(host: &str) -> Option<&'static str> {
     if host.is_empty() {
         return Some("the host is missing");
     }
+    if host.contains(',') && host.replace(',', ".").parse::<Ipv4Addr>().is_ok() {
+        return Some("\",\" cannot stand in a host: write points");
+    }
     if !host.chars().all(plain) {
         return Some("the host has a sign that no name has");
     }
@@ -129,7 +132,7 @@ mod tests {
             ("[10.0.0.5]:502", "no IPv6"),
             ("10.0.0.256:502", "IPv4"),
             ("10.0.0.5.1:502", "IPv4"),
-            ("10,0,0,5:502", "sign"),
+            ("10,0,0,5:502", "write points"),
             ("10.0.0.5,502", "a colon"),
             ("u:p@plc:502", "log-in"),
             ("10.0.0.5:5020:1", "a second colon"),

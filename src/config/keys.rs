@@ -3,6 +3,7 @@
 use super::diagnostic::Report;
 use super::source::{Source, Step, table_at};
 use super::{tag, wording};
+use crate::collect::modbus;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
 use toml::Spanned;
@@ -12,7 +13,7 @@ use toml::de::{DeValue, ValueDeserializer};
 const MOST_SINGLE: usize = 6;
 
 /// Words that people take for a key of another name.
-const MISTAKEN: [(&str, &str); 30] = [
+const MISTAKEN: [(&str, &str); 31] = [
     ("name", "id"),
     ("tag", "id"),
     ("id", "name"),
@@ -25,6 +26,7 @@ const MISTAKEN: [(&str, &str); 30] = [
     ("timezone", "tz"),
     ("time_zone", "tz"),
     ("port", "address"),
+    ("port", "listen"),
     ("broker", "address"),
     ("server", "address"),
     ("slave", "unit_id"),
@@ -118,11 +120,22 @@ impl Keys {
     pub fn tell(self, report: &mut Report) {
         for ((place, table), keys) in self.lacking {
             if keys.len() > MOST_SINGLE {
-                report.at(place, format!("{} keys are missing in {table}: {}", keys.len(), keys.join(", ")));
+                let remedy = match table.as_str() {
+                    "[loop.writeback]" => {
+                        "; docs/writeback.md shows a whole section; without write-back, take it out"
+                    }
+                    _ => "",
+                };
+                let names = keys.join(", ");
+                report.at(place, format!("{} keys are missing in {table}: {names}{remedy}", keys.len()));
                 continue;
             }
             for key in keys {
-                report.at(place, format!("missing key {key:?} in {table}"));
+                let remedy = match key.as_str() {
+                    "address_base" => modbus::WHICH_BASE,
+                    _ => "",
+                };
+                report.at(place, format!("missing key {key:?} in {table}{remedy}"));
             }
         }
     }

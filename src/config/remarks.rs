@@ -45,7 +45,8 @@ impl Config {
         let (held, wanted) = (self.history.samples_per_tag, self.diagnosis.window_samples);
         if held < wanted {
             out.push(format!(
-                "[history] holds {held} samples of a tag, and a diagnosis looks at up to {wanted}: samples_per_tag may be larger"
+                "[history] holds {held} samples of a tag, and a diagnosis looks at up to {wanted}: write samples_per_tag = \
+                 {wanted} or more"
             ));
         }
         out

@@ -85,9 +85,7 @@ struct Rules<'r, 'a, 't> {
 impl Rules<'_, '_, '_> {
     fn wrong(&mut self, path: &[Step], message: String) {
         let (place, message) = match self.beside(path, &message) {
-            Some((place, key)) => {
-                (place, format!("{message}; {key} is not in the file, and its default counts"))
-            }
+            Some((place, key)) => (place, left_out(key, message)),
             None => (self.source.place(path), message),
         };
         if !self.blamed.contains(&place) && !self.misspelt(path) {
@@ -215,7 +213,13 @@ impl Rules<'_, '_, '_> {
 
     fn loops(&mut self, parts: &Parts) {
         let misspelt = self.source.root().keys().any(|key| close(key.get_ref(), "loop"));
-        if self.source.root().get("loop").is_none() && !misspelt && !self.of_fleet() {
+        let none = self.source.root().get("loop").is_none() && !misspelt;
+        let site = path!["fleet", "site"];
+        if none && self.source.has(&site) {
+            let message = "site: only an edge has one, and an edge needs a [[loop]]; for a worker or a centre, take site \
+                           out";
+            self.wrong(&site, message.into());
+        } else if none && !self.of_fleet() {
             self.report.at(0, "no [[loop]]: name at least one control loop to watch".into());
         }
         let mut seen = HashMap::new();
@@ -238,7 +242,8 @@ impl Rules<'_, '_, '_> {
 
     /// A worker and a centre have no loops of their own, and belong to no site.
     fn of_fleet(&self) -> bool {
-        self.source.has(&path!["fleet"]) && !self.source.has(&path!["fleet", "site"])
+        let is_edge = self.source.has(&path!["fleet", "site"]) && self.source.has(&path!["loop"]);
+        self.source.has(&path!["fleet"]) && !is_edge
     }
 
     /// Names stand in addresses of the API and in labels of metrics.
@@ -420,6 +425,15 @@ impl Rules<'_, '_, '_> {
                 self.wrong(&places[pair.second], message);
             }
         }
+    }
+}
+
+/// What is said of a key that is not in the file: where a number is wrong, it is the default.
+fn left_out(key: &str, message: String) -> String {
+    let own = message.strip_prefix(key).and_then(|rest| rest.strip_prefix(": "));
+    match own.filter(|own| own.starts_with(|c: char| c.is_ascii_digit())) {
+        Some(own) => format!("{key} is left out, and its default {own}: write {key} too"),
+        None => message,
     }
 }
 

@@ -101,6 +101,10 @@ fn said(text: &str, at: usize, message: &str) -> String {
         "string values must be quoted" if value.starts_with(|c: char| c.is_ascii_digit()) => {
             "a number stands alone: leave out the unit behind it, or write a text in quotes".into()
         }
+        "string values must be quoted" | "invalid boolean" if is_plain(value) => {
+            let key = line.split_once('=').map_or("", |(key, _)| key.trim());
+            format!("a text stands in quotes: write {key} = \"{value}\"")
+        }
         "string values must be quoted" | "invalid boolean" => {
             "a text stands in quotes, \"…\"; only numbers, true and false do not".into()
         }
@@ -261,6 +265,12 @@ fn section(text: &str, at: usize) -> Option<usize> {
     last
 }
 
+/// Whether a value needs nothing but quotes to be a text. The beginning of true or false may be meant as one of these.
+fn is_plain(value: &str) -> bool {
+    let may_be_meant = ["true", "false"].iter().any(|word| word.starts_with(value));
+    !may_be_meant && value.chars().all(|c| c.is_alphanumeric() || "_-./: ".contains(c))
+}
+
 /// Whether a value is one number with a decimal comma.
 fn decimal(value: &str) -> bool {
     value.matches(',').count() == 1 && value.replacen(',', ".", 1).parse::<f64>().is_ok()
@@ -283,7 +293,7 @@ mod tests {
     #[test]
     fn what_is_no_toml_is_told_once_and_with_what_to_do() {
         let cases = [
-            ("[[loop]]\nid = FIC101\n", "f:2:6: a text stands in quotes"),
+            ("[[loop]]\nid = FIC101\n", "f:2:6: a text stands in quotes: write id = \"FIC101\""),
             ("[[loop]]\nid = “FIC101”\n", "f:2:6: typographic quotes"),
             ("[[loop]]\nid = \"FIC101\n", "a text that is not closed"),
             ("[[loop]]\nid = \"A\"\nop_span = 100.0 // per cent\n", "a remark begins with #"),

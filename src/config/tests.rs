@@ -163,11 +163,12 @@ description = 'größer'; colour = 1
         "f:16:1: unknown key \"polll_ms\" in [[modbus]], did you mean \"poll_ms\"?",
         "f:17:14: timeout_ms: a whole number from 0 is expected, not the text \"long\"",
         "f:18:14: byte_order: unknown value \"ABDC\", did you mean \"ABCD\"?",
-        "f:19:1: missing key \"address_base\" in [[modbus]]",
+        "f:19:1: missing key \"address_base\" in [[modbus]]: write 0 where the device's list counts registers from 0, 1 where \
+         from 1",
         "f:22:11: unit_id: a whole number from 0 to 255 is expected, not 256",
-        "f:27:11: poll_ms: must be at least 1",
+        "f:27:11: poll_ms: 0 must be 1 to 86400000",
         "f:29:8: device \"dcs3\" is already on line 24; every device needs a name of its own",
-        "f:31:16: address_base: 2 must be 0 or 1",
+        "f:31:16: address_base: 2 must be 0 or 1: write 0 where the device's list counts registers from 0, 1 where from 1",
         "f:34:13: op_limits: [100, 0] must be the lower, then the upper limit",
         "f:35:11: op_span: 0 must be a number above 0",
         "f:42:12: device: no [[modbus]], [[opcua]] or [[mqtt]] is called \"dcs4\", did you mean \"dcs1\"?",
@@ -243,6 +244,12 @@ fn sections_of_the_wrong_shape() {
         ]
     );
     assert_eq!(errors(""), ["f:1:1: no [[loop]]: name at least one control loop to watch"]);
+    assert_eq!(
+        errors("[fleet]\nservers = ['nats://h:4222']\nsite = 'n'\n"),
+        [
+            "f:3:8: site: only an edge has one, and an edge needs a [[loop]]; for a worker or a centre, take site out"
+        ]
+    );
 }
 
 #[test]
@@ -252,7 +259,8 @@ fn every_missing_key_is_named() {
         found,
         [
             "f:1:1: missing key \"address\" in [[modbus]]",
-            "f:1:1: missing key \"address_base\" in [[modbus]]",
+            "f:1:1: missing key \"address_base\" in [[modbus]]: write 0 where the device's list counts registers from 0, 1 \
+             where from 1",
             "f:1:1: missing key \"name\" in [[modbus]]",
             "f:2:1: missing key \"id\" in [[loop]]",
             "f:2:1: missing key \"pv\" in [[loop]]",

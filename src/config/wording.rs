@@ -29,6 +29,11 @@ pub fn section(path: &[Step]) -> String {
 pub fn of_entry(message: &str, key: &str) -> String {
     if let Some(word) = message.strip_prefix("unknown variant `").and_then(|rest| rest.split('`').next()) {
         let known = choices(message);
+        if key == "byte_order" && LITTLE.contains(&word.to_lowercase().replace(['-', ' '], "_").as_str()) {
+            return format!(
+                "{key}: unknown value {word:?}: write DCBA or CDAB; stictiond probe shows a register in all four orders"
+            );
+        }
         let hint = meant(key, word).filter(|own| known.contains(own));
         let hint = hint.map_or_else(|| self::hint(word, &known), |own| format!(", did you mean {own:?}?"));
         return format!("{key}: unknown value {word:?}{hint}");
@@ -109,12 +114,13 @@ const REGISTERS: [(&str, &[&str]); 4] = [
     ("discrete", &["di", "1x", "discrete_input", "discrete_inputs", "discreteinput"]),
     ("coil", &["0x", "coils", "do"]),
 ];
-const ORDERS: [(&str, &[&str]); 4] = [
+const ORDERS: [(&str, &[&str]); 3] = [
     ("ABCD", &["big", "big_endian", "be", "msb"]),
     ("CDAB", &["word_swap", "word_swapped", "swap_words", "swapped"]),
     ("BADC", &["byte_swap", "byte_swapped", "swap_bytes"]),
-    ("DCBA", &["little", "little_endian", "le", "lsb"]),
 ];
+/// The least significant first, of bytes or of words: lists do not say which.
+const LITTLE: [&str; 4] = ["little", "little_endian", "le", "lsb"];
 
 const SECURITIES: [(&str, &[&str]); 2] =
     [("tls", &["ssl", "smtps", "implicit", "ssl/tls"]), ("starttls", &["start_tls", "explicit"])];
@@ -224,6 +230,10 @@ pub fn plain(message: &str) -> String {
         Some(parts) => parts,
         None => return message.into(),
     };
+    let (are, such) = match expected {
+        "an array of length 2" => ("are", ", such as [0.0, 100.0]"),
+        _ => ("is", ""),
+    };
     let expected = match expected {
         "u8" => "a whole number from 0 to 255",
         "u16" => "a whole number from 0 to 65535",
@@ -239,7 +249,7 @@ pub fn plain(message: &str) -> String {
     };
     let found = head.strip_prefix("invalid type: ").or_else(|| head.strip_prefix("invalid value: "));
     match found.and_then(|found| found.strip_suffix(", ")) {
-        Some(found) => format!("{expected} is expected, not {}", in_words(found)),
+        Some(found) => format!("{expected} {are} expected{such}, not {}", in_words(found)),
         None => format!("{head}expected {expected}"),
     }
 }

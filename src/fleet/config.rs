@@ -113,10 +113,13 @@ impl Config {
         let ways = [self.credentials_file.is_some(), self.nkey_file.is_some(), self.user.is_some()];
         let one = ways.iter().filter(|way| **way).count() <= 1;
         unless(one, "user", "one of `credentials_file`, `nkey_file` and `user` is enough".into());
-        let both = self.user.is_some() == self.password_file.is_some();
-        unless(both, "password_file", "`user` and `password_file` belong together".into());
-        let both = self.certificate_file.is_some() == self.key_file.is_some();
-        unless(both, "key_file", "`certificate_file` and `key_file` belong together".into());
+        let login = [("user", self.user.is_some()), ("password_file", self.password_file.is_some())];
+        let certificate =
+            [("certificate_file", self.certificate_file.is_some()), ("key_file", self.key_file.is_some())];
+        for [(first, has_first), (second, has_second)] in [login, certificate] {
+            let (there, missing) = if has_first { (first, second) } else { (second, first) };
+            unless(has_first == has_second, missing, format!("{there} needs it too"));
+        }
         let within = |value: f64, low: f64, high: f64| (low..=high).contains(&value);
         let (forward, answer, cut) = (self.forward_s, self.answer_within_s, self.cut_off_after_s);
         unless(within(forward, 0.1, 60.0), "forward_s", format!("{forward} must be 0.1 to 60"));
@@ -146,6 +149,7 @@ mod tests {
         assert_eq!(wrong("servers = ['nats://me:secret@hub']"), ["servers"]);
         assert_eq!(wrong("servers = ['nats://hub']\nsite = 'North'"), ["site"]);
         assert_eq!(wrong("servers = ['nats://hub']\nuser = 'a'"), ["password_file"]);
+        assert_eq!(wrong("servers = ['nats://hub']\nkey_file = 'k'"), ["certificate_file"]);
         let two = "servers = ['nats://hub']\nuser = 'a'\npassword_file = 'p'\nnkey_file = 'k'";
         assert_eq!(wrong(two), ["user"]);
         assert_eq!(

@@ -71,10 +71,15 @@ impl Broker {
             }
         };
         if let Err(why) = host_and_port(&self.address) {
+            let secure = ["mqtts://", "ssl://"].into_iter().find(|own| self.address.starts_with(*own));
+            let (port, why) = match secure {
+                Some(scheme) => (8883, format!("leave out {scheme} and write tls = true")),
+                None => (1883, why.to_string()),
+            };
             unless(
                 false,
                 "address",
-                format!("'{}' is not host:port, such as 10.0.0.5:1883: {why}", shown(&self.address)),
+                format!("'{}' is not host:port, such as 10.0.0.5:{port}: {why}", shown(&self.address)),
             );
         }
         let named = (1..=128).contains(&self.client_id.len()) && !self.client_id.contains(char::is_control);

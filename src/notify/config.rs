@@ -47,7 +47,7 @@ impl Config {
 fn wrong_url(url: &str) -> Option<&'static str> {
     let rest = url.strip_prefix("http://").or_else(|| url.strip_prefix("https://"));
     let Some(rest) = rest.filter(|rest| !rest.is_empty() && url.parse::<hyper::Uri>().is_ok()) else {
-        return Some("is not an address that begins with http:// or https://");
+        return Some("write an address that begins with http:// or https://");
     };
     let authority = rest.split(['/', '?', '#']).next().unwrap_or_default();
     if authority.contains('@') {

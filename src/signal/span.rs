@@ -125,8 +125,8 @@ impl Scale<'_> {
             let wide = high - low;
             if apart(wide, span) {
                 return Some(format!(
-                    "op_span = {span} and op_limits = [{low}, {high}] contradict each other: the limits are {wide} apart; \
-                     both are in OP's own unit, 100 for per cent, 16 for mA"
+                    "op_span = {span} and op_limits = [{low}, {high}] contradict each other: the limits are {wide} apart: \
+                     write op_span = {wide}, or correct op_limits; both are in OP's own unit"
                 ));
             }
         }

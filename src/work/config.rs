@@ -30,10 +30,7 @@ impl Config {
         let most = 200.0 * self.period_s;
         if wrong.is_empty() && !(self.period_s..=most).contains(&self.persist_s) {
             let (own, least) = (self.persist_s, self.period_s);
-            wrong.push((
-                "persist_s",
-                format!("{own} must be {least} (period_s) to {most}, 200 times as long"),
-            ));
+            wrong.push(("persist_s", format!("{own} must be {least} (period_s) to {most}")));
         }
         wrong
     }

@@ -20,7 +20,7 @@ type Found = Result<Option<bool>, TestCaseError>;
 /// Holds a property against many inputs; which share of those that count was read.
 fn share_read<S: Strategy>(inputs: S, property: impl Fn(S::Value) -> Found) -> f64 {
     let counted = Cell::new([0u32; 2]);
-    let config = ProptestConfig { cases: 400, source_file: Some(file!()), ..ProptestConfig::default() };
+    let config = ProptestConfig { cases: 250, source_file: Some(file!()), ..ProptestConfig::default() };
     let held = TestRunner::new(config).run(&inputs, |input| {
         if let Some(is_read) = property(input)? {
             let [read, all] = counted.get();
@@ -201,7 +201,8 @@ fn rows_with_odd_cells_give_judged_samples() {
             prop_assert!(series.len() <= rows.len());
             for sample in series {
                 prop_assert!(sample.t.is_finite());
-                prop_assert_eq!(sample.value.is_finite(), sample.quality.is_good());
+                // A value that a column calls bad stays as it was written.
+                prop_assert!(sample.value.is_finite() || !sample.quality.is_good());
             }
         }
         Ok(Some(true))
@@ -227,7 +228,7 @@ fn written(value: f64, decimal: char, thousands: Option<char>, digits: Option<us
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 400, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 250, ..ProptestConfig::default() })]
 
     /// Bytes changed, cut out and put in: a record, or a refusal in one line, soon.
     #[test]

@@ -171,8 +171,9 @@ impl Config {
                 || format!("'{}' is not host:port, such as 10.0.0.5:502: {why}", shown(&self.address));
             issues.unless(false, "address", message);
         }
-        issues.unless(self.poll_ms >= 1, "poll_ms", || "must be at least 1".into());
-        issues.unless(self.poll_ms <= 86_400_000, "poll_ms", || "must be at most a day, 86400000".into());
+        issues.unless((1..=86_400_000).contains(&self.poll_ms), "poll_ms", || {
+            format!("{} must be 1 to 86400000", self.poll_ms)
+        });
         issues.unless(self.timeout_ms >= 1, "timeout_ms", || "must be at least 1".into());
         if self.poll_ms > 0 && self.timeout_ms > self.poll_ms {
             let (timeout, poll) = (self.timeout_ms, self.poll_ms);
@@ -185,7 +186,12 @@ impl Config {
                         "{poll} is shorter than timeout_ms = {timeout}: {why}; poll more slowly, or write a shorter timeout_ms"
                     ),
                 ),
-                false => ("timeout_ms", format!("{timeout} is longer than poll_ms = {poll}: {why}")),
+                false => (
+                    "timeout_ms",
+                    format!(
+                        "{timeout} is longer than poll_ms = {poll}: {why}; write {poll} or less, or a longer poll_ms"
+                    ),
+                ),
             };
             issues.unless(false, field, || message);
         }
@@ -199,7 +205,7 @@ impl Config {
             )
         });
         issues.unless(self.address_base <= 1, "address_base", || {
-            format!("{} must be 0 or 1", self.address_base)
+            format!("{} must be 0 or 1{WHICH_BASE}", self.address_base)
         });
         let registers = self.max_registers_per_request;
         issues.unless((1..=MAX_REGISTERS).contains(&registers), "max_registers_per_request", || {
@@ -333,7 +339,9 @@ impl TagConfig {
                 let write = counted("address", number, device.address_base);
                 format!("; the first digit names the kind of register: write {write}")
             });
-            let number = number.unwrap_or_default();
+            let from_zero = || ": where the device's list begins with 0, write address_base = 0".to_string();
+            let number =
+                number.or_else(|| (self.address == 0 && base == 1).then(from_zero)).unwrap_or_default();
             format!("{} must be {base} to {last} (address_base = {base}){number}", self.address)
         });
         let most = device.max_registers_per_request;
@@ -342,7 +350,9 @@ impl TagConfig {
         });
         let needs_bit = !bits && value_type == ValueType::Bit;
         match self.bit {
-            None => issues.unless(!needs_bit, "bit", || "which bit of the register, 0 to 15?".into()),
+            None => issues.unless(!needs_bit, "bit", || {
+                "type = \"bit\" needs it: write the bit's number, 0 to 15".into()
+            }),
             Some(bit) => {
                 issues.unless(needs_bit, "bit", || {
                     "only for type = \"bit\" in a holding or input register".into()
@@ -355,6 +365,9 @@ impl TagConfig {
         });
     }
 }
+
+/// How it is found out from which number a device counts its registers.
+pub const WHICH_BASE: &str = ": write 0 where the device's list counts registers from 0, 1 where from 1";
 
 /// Input registers as lists write them whose first digit is the kind: number 1 is 30001.
 const INPUTS: RangeInclusive<i64> = 30_000..=39_999;

@@ -19,7 +19,7 @@ mod probe;
 mod slots;
 mod wire;
 
-pub use config::{Config, Framing, TagConfig, Tolerated, counted};
+pub use config::{Config, Framing, TagConfig, Tolerated, WHICH_BASE, counted};
 pub use decode::Decoder;
 pub use device::Collector;
 pub use kinds::{ByteOrder, Register, ValueType};

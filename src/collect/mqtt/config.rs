@@ -284,7 +284,7 @@ impl Config {
         let ok = (16..=16_777_216).contains(&self.max_payload_bytes);
         unless(ok, "max_payload_bytes", "must be 16 to 16777216");
         for (field, path) in [("time_path", &self.time_path), ("quality_path", &self.quality_path)] {
-            if let Some(Err(why)) = path.as_deref().map(JsonPath::parse) {
+            if let Some(Err(why)) = path.as_deref().map(|text| JsonPath::parse(field, text)) {
                 unless(false, field, &why);
             }
         }
@@ -314,7 +314,7 @@ impl TagConfig {
                 }
                 let path = |field, own: &Option<String>, general: &Option<String>| {
                     let text = own.as_deref().or(general.as_deref());
-                    text.map(JsonPath::parse).transpose().map_err(|why| issue(field, why))
+                    text.map(|text| JsonPath::parse(field, text)).transpose().map_err(|why| issue(field, why))
                 };
                 let value = path("path", &self.path, &None)?;
                 let plain = value.is_none();

@@ -25,11 +25,11 @@ enum Step {
 }
 
 impl Path {
-    /// Reads a path.
+    /// Reads the path that a field gives.
     ///
     /// # Errors
     /// What is wrong with it.
-    pub(super) fn parse(text: &str) -> Result<Self, String> {
+    pub(super) fn parse(field: &str, text: &str) -> Result<Self, String> {
         let wrong = || format!("'{text}' is not a path such as values.op, items[0].v or ['a.b'].v");
         if text.starts_with('/') {
             let dotted = text.trim_matches('/').replace('/', ".");
@@ -69,9 +69,14 @@ impl Path {
             }
         }
         if steps.is_empty() {
+            let (path, without) = match field {
+                "time_path" => ("values.t", "has no time"),
+                "quality_path" => ("values.quality", "has no quality"),
+                _ => ("values.op", "is a plain number"),
+            };
             return Err(format!(
-                "'{text}' names nothing in the message: write a path such as values.op, or leave the key out where the \
-                 message is a plain number"
+                "'{text}' names nothing in the message: write a path such as {path}, or leave the key out where the \
+                 message {without}"
             ));
         }
         if (1..=MAX_STEPS).contains(&steps.len()) { Ok(Self(steps)) } else { Err(wrong()) }
@@ -296,7 +301,7 @@ mod tests {
         time: Option<&str>,
         quality: Option<&str>,
     ) -> Result<Told, Refused> {
-        let path = |text: Option<&str>| text.map(|text| Path::parse(text).unwrap());
+        let path = |text: Option<&str>| text.map(|text| Path::parse("path", text).unwrap());
         let (value, time, quality) = (path(value), path(time), path(quality));
         let place = Where {
             value: value.as_ref(),
@@ -375,7 +380,7 @@ mod tests {
         assert_eq!(bytes(b"1e999"), Err(Refused::Text(TextFault::NoNumber("1e999".into()))));
         assert_eq!(bytes(b"null"), Err(Refused::Text(TextFault::NoNumber("null".into()))));
         assert_eq!(bytes(b""), Err(Refused::Payload));
-        let path = Path::parse("v").unwrap();
+        let path = Path::parse("path", "v").unwrap();
         let place = |decimal, value| Where {
             value,
             decimal,
@@ -429,15 +434,15 @@ mod tests {
     #[test]
     fn paths_that_are_none_are_refused() {
         for text in ["", "$", ".", "a..b", "a.", "[", "[x]", "a[1", "a]b", "['a", "a[0]b", "a[-1]"] {
-            assert!(Path::parse(text).is_err(), "{text}");
+            assert!(Path::parse("path", text).is_err(), "{text}");
         }
-        assert!(Path::parse(&"a.".repeat(40)).is_err());
+        assert!(Path::parse("path", &"a.".repeat(40)).is_err());
     }
 
     proptest! {
         #[test]
         fn any_path_is_read_or_refused(text in "[a-c.$\\[\\]'0-9]{0,20}") {
-            let _ = Path::parse(&text);
+            let _ = Path::parse("path", &text);
         }
 
         /// Whatever is sent: no panic, and no number that is not finite or that the payload does not hold.

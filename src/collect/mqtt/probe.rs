@@ -236,7 +236,7 @@ mod tests {
         let paths: Vec<&str> = found.leaves.iter().map(|leaf| leaf.path.as_str()).collect();
         assert_eq!(paths, ["on", "ts", "v['a.b'][0]", "v['a.b'][1]", "v.op"]);
         for path in paths {
-            assert!(super::super::json::Path::parse(path).is_ok(), "{path}");
+            assert!(super::super::json::Path::parse("path", path).is_ok(), "{path}");
         }
         assert_eq!(found.time().map(|leaf| leaf.path.as_str()), Some("ts"));
         assert_eq!(seen("a".into(), b"12,5").leaves[0].value, "12,5");

@@ -275,7 +275,11 @@ impl Config {
         if let Err(why) = host_of(&self.url) {
             // An address with a log-in has a password in it.
             let told = if self.url.contains('@') { "the address" } else { &format!("'{}'", self.url) };
-            unless(false, "url", format!("{told} is not opc.tcp://host:port/path: {why}"));
+            let message = match why {
+                LOG_IN => LOG_IN.to_string(),
+                why => format!("{told} is not opc.tcp://host:port/path: {why}"),
+            };
+            unless(false, "url", message);
         }
         for (field, value, least) in [
             ("sampling_ms", self.sampling_ms, 10),
@@ -434,12 +438,14 @@ fn is_percent(band: f64) -> bool {
     (0.0..100.0).contains(&band)
 }
 
+const LOG_IN: &str = "take the log-in out of the address: write user, and password_env or password_file";
+
 /// The host of a server's address, or what is wrong with the address.
 fn host_of(url: &str) -> Result<String, &'static str> {
     let rest = url.strip_prefix("opc.tcp://").ok_or("it begins otherwise")?;
     let (authority, _) = rest.split_once('/').unwrap_or((rest, ""));
     if authority.contains('@') {
-        return Err("a log-in stands in user and password_env, not in the address");
+        return Err(LOG_IN);
     }
     if url.contains(char::is_whitespace) {
         return Err("there is a blank in it");

@@ -190,7 +190,8 @@ fn secrets_are_not_shown_and_advice_can_be_followed() {
         errors(&format!("[alarm]\nsuppressed = {{ A = 'stiction' }}\n{DEVICE}{}", of_loop(PLAIN, "")));
     assert!(found.contains("suppressed: a list is expected, in [square brackets]"), "{found}");
     let found = errors(&format!("[alarm]\nmedium_f_percent = 50.0\n{DEVICE}{}", of_loop(PLAIN, "")));
-    assert!(found.starts_with("f:2:") && found.contains("high_f_percent is not in the file"), "{found}");
+    let said = "high_f_percent is left out, and its default 2 must be at least medium_f_percent = 50: write";
+    assert!(found.starts_with("f:2:") && found.contains(said), "{found}");
 }
 
 #[test]

@@ -1,7 +1,6 @@
 //! Ports that are none: an address that is refused as a whole would leave the reader to find out why.
 
 use super::Rules;
-use crate::host::shown;
 use toml::Spanned;
 use toml::de::DeValue;
 
@@ -16,19 +15,14 @@ impl Rules<'_, '_, '_> {
         let mut found = Vec::new();
         for (name, value) in self.source.root() {
             addresses(name.get_ref(), value, &mut |place, key, text| {
-                found.extend(too_large(text).map(|port| (place, key.to_string(), shown(text), port)));
+                found.extend(too_large(text).map(|port| (place, key.to_string(), port)));
             });
         }
-        for (place, key, text, port) in found {
-            if !self.blamed.insert(place) {
-                continue;
+        for (place, key, port) in found {
+            if self.blamed.insert(place) {
+                // The address of a receiver may carry a secret, and is not shown.
+                self.report.at(place, format!("{key}: the port {port} must be 1 to {MOST}"));
             }
-            // The address of a receiver may carry a secret.
-            let message = match text.contains("://") {
-                true => format!("{key}: the port {port} must be 1 to {MOST}"),
-                false => format!("{key}: '{text}' is not host:port: the port must be 1 to {MOST}"),
-            };
-            self.report.at(place, message);
         }
     }
 }

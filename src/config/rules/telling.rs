@@ -90,10 +90,13 @@ impl Rules<'_, '_, '_> {
         for (nth, text) in alarm.suppressed.iter().enumerate() {
             let here = path!["alarm", "suppressed", nth];
             let Some((whose, kind)) = text.rsplit_once('/') else {
-                let message = format!(
-                    "suppressed: {text:?} must be a loop or *, / and a kind of alarm, such as */f_rising"
-                );
-                self.wrong(&here, message);
+                let message = match Kind::named(text) {
+                    Some(_) => format!("{text:?} does not say whose alarm: write */{text} for all"),
+                    None => format!(
+                        "{text:?} names no kind of alarm: write {text}/f_rising, or */f_rising for every loop"
+                    ),
+                };
+                self.wrong(&here, format!("suppressed: {message}"));
                 continue;
             };
             let Some(kind) = Kind::named(kind) else {
@@ -177,7 +180,7 @@ kinds = ['stiktion']
         let found: Vec<String> = parse("f", &text).unwrap_err().iter().map(ToString::to_string).collect();
         let from = text.lines().position(|line| line == "[notify]").unwrap() + 1;
         for (after, expected) in [
-            (1, "public_url: is not an address"),
+            (1, "public_url: write an address"),
             (4, "url: is not encrypted"),
             (6, "events: unknown value \"razed\", did you mean \"raised\"?"),
             (8, "name: \"b/c\" must be"),
