@@ -3,12 +3,13 @@
 
 #[path = "store_damage/damage.rs"]
 mod damage;
+#[path = "store_damage/files.rs"]
+mod files;
 
 use damage::{BEGIN, Content, FILES, PAIRS, content, copy, damage as hurt, made, samples, sweep};
 use rand::SeedableRng;
 use std::fmt::Write;
 use std::fs;
-use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use stictiond::alarm::AlarmId;
@@ -73,17 +74,6 @@ fn what_two_damages_cost_is_told() {
     fs::remove_dir_all(place).expect("removed");
 }
 
-/// Overwrites the first page of a table of a store that nobody has open.
-fn overwrite(folder: &Path, table: &str) {
-    let path = folder.join("store.db");
-    let db = rusqlite::Connection::open(&path).expect("opens");
-    let sql = "SELECT rootpage FROM sqlite_schema WHERE name = ?1";
-    let page: i64 = db.query_row(sql, [table], |row| row.get(0)).expect("a table");
-    drop(db);
-    let file = fs::OpenOptions::new().write(true).open(path).expect("there");
-    file.write_all_at(&[0x5a; 8192], (page as u64 - 1) * 8192).expect("writable");
-}
-
 /// A store whose log is carried over, and everything that is in it.
 fn at_rest(place: &Path) -> (PathBuf, Content) {
     let (truth, own) = (made(place), place.join("killed"));
@@ -98,10 +88,10 @@ fn states_without_their_second_copy_are_back_from_the_part_of_the_database_that_
     let place = folder("no-copy");
     let (whole, truth) = at_rest(&place);
     let own = place.join("own");
-    let records = store_records(&fs::read(whole.join("states.log")).expect("there"));
+    let records = files::records(&fs::read(whole.join("states.log")).expect("there"));
     for (table, lost) in [("trends", 0), ("alarms", records)] {
         copy(&whole, &own);
-        overwrite(&own, table);
+        files::overwrite(&own, table);
         fs::write(own.join("states.log"), "").expect("written");
         assert!(Store::open(&Config::new(&own)).is_err_and(|error| error.is_damage()), "{table}");
         let reader = Reader::open(&own).expect("what is left can be read");
@@ -112,16 +102,6 @@ fn states_without_their_second_copy_are_back_from_the_part_of_the_database_that_
         assert_eq!(left.contains("trends: some may be lost"), table == "trends", "{left}");
     }
     fs::remove_dir_all(place).expect("removed");
-}
-
-/// Records of a second copy that is whole: each begins with the length of its text, and its head has 16 bytes.
-fn store_records(bytes: &[u8]) -> u64 {
-    let (mut at, mut count) = (0, 0);
-    while let Some(length) = bytes.get(at..at + 4) {
-        at += 16 + u32::from_le_bytes(length.try_into().expect("four")) as usize;
-        count += 1;
-    }
-    count
 }
 
 fn one_sample(t: f64) -> Batch {
@@ -144,7 +124,7 @@ fn what_is_damaged_behind_the_first_look_is_found_before_it_is_said_to_be_whole(
     for hurt in [false, true] {
         copy(&whole, &own);
         if hurt {
-            overwrite(&own, "spool");
+            files::overwrite(&own, "spool");
         }
         let mut store = Store::open(&config).expect("nothing is found at the start");
         let (mut shares, mut ended) = (Vec::new(), Ok(()));

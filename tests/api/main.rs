@@ -6,6 +6,8 @@ mod daemon;
 mod dashboard;
 mod description;
 mod edges;
+#[path = "../store_damage/files.rs"]
+mod files;
 mod http;
 mod lists;
 mod plantwide;

@@ -4,8 +4,7 @@ use crate::app::{Daemon, config, device, heard, start_at};
 use crate::http::{Events, get, post};
 use crate::postgres::Cluster;
 use crate::rig::START;
-use std::os::unix::fs::FileExt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
 use stictiond::config::Config;
 use stictiond::schedule::Clock;
@@ -184,27 +183,6 @@ async fn a_store_that_cannot_be_opened_is_said_and_taken_up_when_it_can() {
     assert!(!reader.last_diagnoses("A", 10).expect("can be read").is_empty());
 }
 
-/// Overwrites the first page of a table.
-fn overwrite(folder: &Path, table: &str) {
-    let path = folder.join("store.db");
-    let db = rusqlite::Connection::open(&path).expect("opens");
-    let sql = "SELECT rootpage FROM sqlite_schema WHERE name = ?1";
-    let page: i64 = db.query_row(sql, [table], |row| row.get(0)).expect("a table");
-    drop(db);
-    let file = std::fs::OpenOptions::new().write(true).open(path).expect("there");
-    file.write_all_at(&[0x5a; 8192], (page as u64 - 1) * 8192).expect("writable");
-}
-
-/// Records of the second copy of the states: each begins with the length of its text, and its head has 16 bytes.
-fn records(bytes: &[u8]) -> u64 {
-    let (mut at, mut count) = (0, 0);
-    while let Some(length) = bytes.get(at..at + 4) {
-        at += 16 + u32::from_le_bytes(length.try_into().expect("four")) as usize;
-        count += 1;
-    }
-    count
-}
-
 fn lost_states(count: u64) -> String {
     format!("stictiond_store_events_total{{event=\"lost_states\"}} {count}.0\n")
 }
@@ -219,9 +197,9 @@ async fn a_damaged_store_is_said_with_what_is_lost_over_restarts_until_somebody_
     let mut events = Events::open(daemon.address).await;
     heard(&mut events, "alarm", "A").await;
     stop(daemon).await;
-    overwrite(&folder.0, "alarms");
+    crate::files::overwrite(&folder.0, "alarms");
     let copy = folder.0.join("states.log");
-    let lost = records(&std::fs::read(&copy).expect("there"));
+    let lost = crate::files::records(&std::fs::read(&copy).expect("there"));
     assert!(lost > 3, "two tags, an alarm and its change: {lost}");
     std::fs::write(&copy, "").expect("writable");
 
@@ -268,7 +246,7 @@ async fn damage_under_a_running_daemon_is_found_and_what_people_did_before_is_ba
     let acked = post(daemon.address, "/api/v1/alarms/A/ack", "{\"by\":\"eve\"}").await;
     assert_eq!((acked.status, acked.json()["survives_restart"].as_bool()), (200, Some(true)));
     until(&daemon, "works", |store| store["state"] == "working" && store["damaged"] == false).await;
-    overwrite(&folder.0, "known_models");
+    crate::files::overwrite(&folder.0, "known_models");
     let failing = until(&daemon, "fails", |store| store["state"] == "failing").await;
     let is_told = |store: &serde_json::Value| {
         let reason = store["reason"].as_str().unwrap_or_default();

@@ -22,7 +22,8 @@ use crate::sysid::criterion::{FREQUENCY, REGULAR};
 use crate::sysid::iddata::IdData;
 use std::f64::consts::TAU;
 
-/// Fewest samples in a period: with fewer, corners are not told from harmonics.
+/// Fewest samples in a period: with fewer, the fourth harmonic lies above Nyquist's frequency, and the first three are a set of
+/// their own.
 const LEAST_PERIOD: f64 = 8.0;
 /// Least share of a period that rises, or falls.
 const LEAST_RISE: f64 = 0.05;
