@@ -5,6 +5,10 @@
 mod archive;
 #[path = "exports/bombs.rs"]
 mod bombs;
+#[path = "exports/bombs_xls.rs"]
+mod bombs_xls;
+#[path = "exports/bombs_xlsb.rs"]
+mod bombs_xlsb;
 #[path = "exports/clocks.rs"]
 mod clocks;
 #[path = "exports/columns.rs"]

@@ -8,15 +8,17 @@ use std::io::Write;
 use stictiond::collect::table::Options;
 
 const MAIN: &str = "http://schemas.openxmlformats.org/spreadsheetml/2006/main";
-const RELATIONS: &str = "http://schemas.openxmlformats.org/officeDocument/2006/relationships";
-const PACKAGE: &str = "http://schemas.openxmlformats.org/package/2006/relationships";
+/// Kinds of relations, and the list of them.
+pub const RELATIONS: &str = "http://schemas.openxmlformats.org/officeDocument/2006/relationships";
+pub const PACKAGE: &str = "http://schemas.openxmlformats.org/package/2006/relationships";
 const OPEN: &str = "urn:oasis:names:tc:opendocument:xmlns";
 
 /// The record of every sound workbook here: time, OP and PV.
-const NAMES: [&str; 3] = ["t", "op", "pv"];
-const ROWS: [[f64; 3]; 3] = [[0.0, 50.5, 20.0], [1.0, 51.5, 21.0], [2.0, 52.5, 22.0]];
+pub const NAMES: [&str; 3] = ["t", "op", "pv"];
+pub const ROWS: [[f64; 3]; 3] = [[0.0, 50.5, 20.0], [1.0, 51.5, 21.0], [2.0, 52.5, 22.0]];
 
-fn is_sound(book: &[u8]) {
+/// It is read as the record.
+pub fn is_sound(book: &[u8]) {
     let found = of_bytes(book, &Options::default()).expect("a sound workbook");
     let pairs = found.record.op.iter().zip(&found.record.pv);
     let rows: Vec<[f64; 3]> = pairs.map(|(op, pv)| [op.t, op.value, pv.value]).collect();
@@ -24,7 +26,7 @@ fn is_sound(book: &[u8]) {
 }
 
 /// One line says what is wrong, and what to do.
-fn is_refused(book: &[u8], says: &str) {
+pub fn is_refused(book: &[u8], says: &str) {
     let said = of_bytes(book, &Options::default()).expect_err("a bomb");
     assert!(said.contains(says) && said.contains("as CSV") && said.lines().count() == 1, "{said}");
 }
@@ -63,7 +65,8 @@ fn texts(told: &str) -> String {
     format!("<sst xmlns=\"{MAIN}\" {told}>{texts}</sst>")
 }
 
-fn excel(styles: &str, told: &str) -> Vec<u8> {
+/// A workbook of Excel with these formats and what is told of its texts.
+pub fn excel(styles: &str, told: &str) -> Vec<u8> {
     let (parts, texts) = (parts(styles, ""), texts(told));
     let mut files: Vec<(&str, &str)> = parts.iter().map(|(name, text)| (*name, text.as_str())).collect();
     files.push(("xl/sharedStrings.xml", &texts));
@@ -197,138 +200,4 @@ fn cells_that_are_repeated_over_the_sheet_are_refused_before_they_are_made() {
 #[test]
 fn a_table_without_an_end_is_refused_and_not_waited_for() {
     is_refused(&open_document(&open_rows(""), ""), "\"content.xml\" ends within a table");
-}
-
-/// A record of a workbook of Excel 97: kind, and bytes.
-fn record(kind: u16, data: &[u8]) -> Vec<u8> {
-    [&kind.to_le_bytes()[..], &(data.len() as u16).to_le_bytes()[..], data].concat()
-}
-
-/// A number, by its row and column.
-fn number(row: u16, column: u16, value: f64) -> Vec<u8> {
-    let place = [row, column, 0].map(u16::to_le_bytes).concat();
-    record(0x0203, &[&place[..], &value.to_le_bytes()[..]].concat())
-}
-
-/// The stream of a workbook of Excel 97 with one sheet, which says that it has so many rows, and has more records.
-fn stream(rows: u32, more: &[u8]) -> Vec<u8> {
-    let begin = |kind: u16| record(0x0809, &[0x0600, kind].map(u16::to_le_bytes).concat());
-    let end = record(0x000a, &[]);
-    let text = |column: usize| {
-        let name = NAMES[column];
-        let head = [0, column as u16, 0, name.len() as u16].map(u16::to_le_bytes).concat();
-        record(0x0204, &[&head[..], &[0u8][..], name.as_bytes()].concat())
-    };
-    let dimensions =
-        [[0, rows].map(u32::to_le_bytes).concat(), [0, 3, 0].map(u16::to_le_bytes).concat()].concat();
-    // The place of the sheet is behind the three records of the first part.
-    let sheet = |at: u32| record(0x0085, &[&at.to_le_bytes()[..], &[0u8, 0, 1, 0][..], &b"S"[..]].concat());
-    let at = begin(5).len() + sheet(0).len() + end.len();
-    let numbers = (1u16..).zip(ROWS).flat_map(|(row, cells)| {
-        (0u16..).zip(cells).flat_map(|(column, value)| number(row, column, value)).collect::<Vec<u8>>()
-    });
-    let mut out =
-        [begin(5), sheet(at as u32), end.clone(), begin(0x10), record(0x0200, &dimensions)].concat();
-    out.extend((0..3).flat_map(text).chain(numbers));
-    [&out[..], more, &end[..]].concat()
-}
-
-const NO_SECTOR: u32 = 0xffff_ffff;
-const LAST: u32 = 0xffff_fffe;
-
-/// A file of Excel 97 with this stream; `follows` is the sector behind that of the directory, which is the second.
-fn compound(stream: &[u8], follows: u32) -> Vec<u8> {
-    const SECTOR: usize = 512;
-    let mut stream = stream.to_vec();
-    // A shorter one would be kept elsewhere.
-    stream.resize(stream.len().max(4096).next_multiple_of(SECTOR), 0);
-    let sectors = (stream.len() / SECTOR) as u32;
-    let mut table = vec![0xffff_fffd, follows];
-    table.extend((3..2 + sectors).chain([LAST]));
-    table.resize(SECTOR / 4, NO_SECTOR);
-    let mut head = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1".to_vec();
-    head.resize(SECTOR, 0);
-    let mut put = |at: usize, bytes: &[u8]| head[at..at + bytes.len()].copy_from_slice(bytes);
-    // Version 3, its order of bytes, sectors of 2^9 and 2^6 bytes; one table, where the directory and the rest begin.
-    put(26, &[3, 0, 0xfe, 0xff, 9, 0, 6, 0]);
-    put(44, &[1, 1].map(u32::to_le_bytes).concat());
-    put(60, &[LAST, 0, LAST, 0, 0].map(u32::to_le_bytes).concat());
-    put(80, &[0xff; SECTOR - 80]);
-    let entry = |name: &str, kind: u8, first: u32, len: u32| {
-        let mut entry: Vec<u8> = name.encode_utf16().flat_map(u16::to_le_bytes).collect();
-        entry.resize(128, 0);
-        entry[64] = 2 * (name.len() as u8 + 1);
-        entry[66] = kind;
-        entry[116..124].copy_from_slice(&[first, len].map(u32::to_le_bytes).concat());
-        entry
-    };
-    let mut directory = entry("Root Entry", 5, LAST, 0);
-    directory.extend(entry("Workbook", 2, 2, stream.len() as u32));
-    directory.resize(SECTOR, 0);
-    let table: Vec<u8> = table.into_iter().flat_map(u32::to_le_bytes).collect();
-    [head, table, directory, stream].concat()
-}
-
-#[test]
-fn what_an_excel_97_workbook_says_of_its_size_is_not_believed() {
-    is_sound(&compound(&stream(4, &[]), LAST));
-    is_sound(&compound(&stream(65_536, &[]), LAST));
-    is_refused(&compound(&stream(1 << 30, &[]), LAST), "says it has 3221225472 cells");
-    is_refused(&compound(&stream(4, &number(65_535, 65_535, 1.0)), LAST), "reach over 4294967296 cells");
-}
-
-#[test]
-fn sectors_of_an_excel_97_workbook_that_run_in_a_circle_are_refused() {
-    let stream = stream(4, &[]);
-    for follows in [1, NO_SECTOR, 99] {
-        is_refused(&compound(&stream, follows), "its sectors follow each other nowhere or without end");
-    }
-}
-
-/// A record of a workbook `.xlsb`.
-fn binary(kind: u16, data: &[u8]) -> Vec<u8> {
-    let mut out = if kind < 0x80 { vec![kind as u8] } else { vec![kind as u8 | 0x80, (kind >> 7) as u8] };
-    // None here takes a second byte for its length.
-    out.push(data.len() as u8);
-    out.extend(data);
-    out
-}
-
-/// A text of such a workbook.
-fn wide(text: &str) -> Vec<u8> {
-    let words = text.encode_utf16().flat_map(u16::to_le_bytes);
-    (text.len() as u32).to_le_bytes().into_iter().chain(words).collect()
-}
-
-#[test]
-fn cells_far_apart_in_an_xlsb_are_no_cells_between() {
-    let row = |at: u32| binary(0, &at.to_le_bytes());
-    let cell = |kind: u16, column: u32, value: &[u8]| {
-        binary(kind, &[&[column, 0].map(u32::to_le_bytes).concat()[..], value].concat())
-    };
-    let mut sheet = [binary(0x94, &[0; 16]), binary(0x91, &[]), row(0)].concat();
-    sheet.extend((0..).zip(NAMES).flat_map(|(column, name)| cell(6, column, &wide(name))));
-    for (at, cells) in (1..).zip(ROWS) {
-        sheet.extend(row(at));
-        sheet.extend((0..).zip(cells).flat_map(|(column, value)| cell(5, column, &value.to_le_bytes())));
-    }
-    // The last row and column that there can be.
-    sheet.extend([row(1_048_575), cell(5, 16_383, &1f64.to_le_bytes()), binary(0x92, &[])].concat());
-    let listed = [&[0, 1].map(u32::to_le_bytes).concat()[..], &wide("r")[..], &wide("S")[..]].concat();
-    let book = [binary(0x9c, &listed), binary(0x90, &[]), binary(0x9d, &[])].concat();
-    let related = format!(
-        "<Relationships xmlns=\"{PACKAGE}\"><Relationship Id=\"r\" Type=\"{RELATIONS}/worksheet\" \
-         Target=\"worksheets/sheet1.bin\"/></Relationships>"
-    );
-    let parts: [(&str, &[u8]); 4] = [
-        ("[Content_Types].xml", b"<Types/>"),
-        ("xl/workbook.bin", &book),
-        ("xl/_rels/workbook.bin.rels", related.as_bytes()),
-        ("xl/worksheets/sheet1.bin", &sheet),
-    ];
-    let parts = parts.map(|(name, bytes)| {
-        let unpacked = (bytes.len() as u32, crc32fast::hash(bytes));
-        Part { name, method: 0, bytes, unpacked }
-    });
-    is_sound(&of_parts(&parts));
 }

@@ -3,4 +3,4 @@
 #[path = "../../../tests/exports/archive.rs"]
 mod stored;
 
-pub use stored::archive;
+pub use stored::{Part, archive, of_parts};

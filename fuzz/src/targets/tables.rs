@@ -1,6 +1,6 @@
 //! Tables: text, Parquet, workbooks. Each is read as a record and as a stream, told nothing and told everything.
 
-use super::archive::archive;
+use super::archive::{Part, archive, of_parts};
 use super::scratch;
 use std::path::PathBuf;
 use std::sync::OnceLock;
@@ -59,15 +59,65 @@ pub fn parquet(bytes: &[u8]) {
     all(Source::File(path));
 }
 
-/// A workbook as it is; anything else is a part of one that is whole: tables of OpenDocument where it begins with one, else the
-/// sheet, the formats, the texts that cells share and what is told of these in advance.
+/// How each part of an `.xlsb` begins, where it lies, and a sound one: the list of sheets, the texts that cells share, the formats
+/// and the sheet.
+const BINARY: [([u8; 2], &str, &[u8]); 4] = [
+    (
+        [0x9c, 0x01],
+        "xl/workbook.bin",
+        b"\x9c\x01\x14\0\0\0\0\x01\0\0\0\x01\0\0\0r\0\x01\0\0\0S\0\x90\x01\0\x9d\x01\0",
+    ),
+    (
+        [0x9f, 0x01],
+        "xl/sharedStrings.bin",
+        b"\x9f\x01\x08\x01\0\0\0\x01\0\0\0\x13\x09\0\x02\0\0\0P\0V\0\xa0\x01\0",
+    ),
+    (
+        [0xe7, 0x04],
+        "xl/styles.bin",
+        b"\xe7\x04\x04\0\0\0\0\xe9\x04\x04\x01\0\0\0\x2f\x10\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0",
+    ),
+    (
+        [0x94, 0x01],
+        "xl/worksheets/sheet1.bin",
+        b"\x94\x01\x10\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\x91\x01\0\0\x04\0\0\0\0\x07\x0c\0\0\0\0\0\0\0\0\0\0\0\0\x92\x01\0",
+    ),
+];
+
+/// A workbook as it is; anything else is a part of one that is whole: of an `.xlsb` where it begins as one, tables of OpenDocument
+/// where it begins with one, else the sheet, the formats, the texts that cells share and what is told of these in advance.
 pub fn excel(bytes: &[u8]) {
     if bytes.starts_with(b"PK") || bytes.starts_with(&[0xd0, 0xcf, 0x11, 0xe0]) {
         return all(Source::Bytes(bytes));
     }
+    if let Some(part) = BINARY.iter().position(|(begin, ..)| bytes.starts_with(begin)) {
+        return all(Source::Bytes(&of_binary(part, bytes)));
+    }
     let inside = String::from_utf8_lossy(bytes);
     let book = if inside.starts_with("<table:") { of_tables(&inside) } else { of_sheet(&inside) };
     all(Source::Bytes(&book));
+}
+
+/// An `.xlsb` with this part, and the sound ones of all others.
+fn of_binary(part: usize, bytes: &[u8]) -> Vec<u8> {
+    const TYPE: &str = "http://schemas.openxmlformats.org/officeDocument/2006/relationships/worksheet";
+    const PACKAGE: &str = "http://schemas.openxmlformats.org/package/2006/relationships";
+    let related = format!(
+        "<Relationships xmlns=\"{PACKAGE}\"><Relationship Id=\"r\" Type=\"{TYPE}\" Target=\"worksheets/sheet1.bin\"/>\
+         </Relationships>"
+    );
+    let mut files: Vec<(&str, &[u8])> = vec![
+        ("[Content_Types].xml", b"<Types/>".as_slice()),
+        ("xl/_rels/workbook.bin.rels", related.as_bytes()),
+    ];
+    for (at, (_, name, sound)) in BINARY.iter().enumerate() {
+        files.push((*name, if at == part { bytes } else { *sound }));
+    }
+    let stored = files.iter().map(|(name, bytes)| {
+        let unpacked = (bytes.len() as u32, crc32fast::hash(bytes));
+        Part { name, method: 0, bytes, unpacked }
+    });
+    of_parts(&stored.collect::<Vec<_>>())
 }
 
 /// A workbook of OpenDocument with these tables.

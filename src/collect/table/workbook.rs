@@ -1,10 +1,16 @@
 //! Sheets of workbooks: Excel (.xlsx, .xlsb, .xls) and OpenDocument (.ods), through calamine.
 
+mod biff;
 mod content;
+mod fields;
 mod filling;
 mod guard;
+mod limits;
 mod ole;
+mod shared_texts;
 mod tags;
+mod tokens;
+mod xlsb;
 
 use super::error::{TableError, listed};
 use super::layout::{first_rows, look};

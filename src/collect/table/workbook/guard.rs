@@ -1,32 +1,27 @@
 //! Looks at a workbook before the library opens it, which believes what the file says of itself: how many texts it has, how often
-//! a cell is there. Where memory cannot be had the process ends, and every loop that it watches with it.
+//! a cell is there, how long a record is. Where memory cannot be had the process ends, and every loop that it watches with it.
 
 use super::tags::{Tag, Tags, local, number};
-use super::{MAX_CELLS, content, ole};
+use super::{MAX_CELLS, content, limits, ole, xlsb};
 use crate::collect::table::error::TableError;
 use crate::collect::table::kinds;
 use std::io::{self, BufRead, BufReader, Cursor};
 
-/// Bytes that a workbook, or what is made of one of its parts, may always take, and how many times its own: as for Parquet.
-const FEW_BYTES: u64 = 16_000_000;
-const TIMES: u64 = 64;
 /// Texts that any workbook may say it has: some programs tell more than there are.
 const FEW_TEXTS: u64 = 1 << 18;
 /// Bytes that the library takes for a format of cells, beside two names.
 const FORMAT: u64 = 512;
 
-fn most(bytes: u64) -> u64 {
-    FEW_BYTES.max(bytes.saturating_mul(TIMES))
-}
-
 /// Refuses a workbook that would take far more memory than it has bytes.
 pub fn look(bytes: &[u8]) -> Result<(), TableError> {
     if bytes.starts_with(kinds::OLE) {
-        return ole::look(bytes);
+        // The library opens an archive behind it where it finds no workbook in it.
+        ole::look(bytes)?;
     }
     // What cannot be opened here cannot be opened there.
     let Ok(mut archive) = zip::ZipArchive::new(Cursor::new(bytes)) else { return Ok(()) };
-    let (most, mut unpacked) = (most(bytes.len() as u64), 0u64);
+    let is_binary = archive.file_names().flatten().any(|name| small(&name) == xlsb::BOOK);
+    let (most, mut unpacked) = (limits::bytes(bytes.len() as u64), 0u64);
     for at in 0..archive.len() {
         let Ok(part) = archive.by_index(at) else { continue };
         let Ok(name) = part.name().map(|name| name.into_owned()) else { continue };
@@ -38,7 +33,7 @@ pub fn look(bytes: &[u8]) -> Result<(), TableError> {
                 bytes.len()
             )));
         }
-        let wrong = wrong(&name, BufReader::new(part)).map_err(|error| {
+        let wrong = wrong(&name, BufReader::new(part), is_binary).map_err(|error| {
             TableError::refused(format!(
                 "a workbook whose {name:?} cannot be read: {error}; save it again, or the columns that are needed as CSV"
             ))
@@ -52,11 +47,22 @@ pub fn look(bytes: &[u8]) -> Result<(), TableError> {
     Ok(())
 }
 
-/// What a part says of itself that cannot be, or takes too much.
-fn wrong(name: &str, part: impl BufRead) -> io::Result<Option<String>> {
+/// The name of a part as the library looks for it: it takes capital letters for small ones, and either slash for the other.
+fn small(name: &str) -> String {
+    name.to_ascii_lowercase().replace('\\', "/")
+}
+
+/// What a part says of itself that cannot be, or takes too much; `is_binary` for those of an `.xlsb`.
+fn wrong(name: &str, part: impl BufRead, is_binary: bool) -> io::Result<Option<String>> {
+    let small = small(name);
+    if small.ends_with(".bin") {
+        return xlsb::look(&small, part, is_binary).map(|()| None);
+    }
     let mut tags = Tags::new(part);
-    // The library finds these parts in any folder, in small and capital letters.
-    let small = name.to_ascii_lowercase();
+    if small == xlsb::RELATIONS {
+        return xlsb::relations(&mut tags).map(|()| None);
+    }
+    // The library finds these in any folder.
     if small.ends_with("sharedstrings.xml") {
         let told = texts(&mut tags)?;
         let is_wrong = told > FEW_TEXTS.max(tags.at);
@@ -64,7 +70,7 @@ fn wrong(name: &str, part: impl BufRead) -> io::Result<Option<String>> {
     }
     if small.ends_with("styles.xml") {
         let taken = formats(&mut tags)?;
-        let is_wrong = taken > most(tags.at);
+        let is_wrong = taken > limits::bytes(tags.at);
         return Ok(is_wrong.then(|| format!("has formats that take {taken} bytes, from {}", tags.at)));
     }
     if name == "content.xml" {
@@ -73,7 +79,7 @@ fn wrong(name: &str, part: impl BufRead) -> io::Result<Option<String>> {
             Some("ends within a table: it is cut".into())
         } else if made.cells > MAX_CELLS as u64 {
             Some(format!("repeats cells to {} of them: {MAX_CELLS} are taken", made.cells))
-        } else if made.bytes() > most(tags.at) {
+        } else if made.bytes() > limits::bytes(tags.at) {
             Some(format!("repeats cells to {} bytes, from {}", made.bytes(), tags.at))
         } else {
             None

@@ -1,0 +1,369 @@
+//! Looks at the records of an `.xls` before the library opens it. The library makes room for as many cells and for as long texts as
+//! it is told of, a cell of every place between the first and the last row and column, a text anew for each cell that shares it,
+//! and a text of every formula; and it reads the records of a sheet anew for each name of a sheet that leads to them.
+
+use super::fields::{u16_at, u32_at};
+use super::shared_texts::texts;
+use super::tokens::{Written, written};
+use super::{MAX_CELLS, limits};
+use crate::collect::table::error::TableError;
+use encoding_rs::UTF_16LE;
+
+/// Cells that the sheets may always reach over, and for each byte of the file.
+const FEW_CELLS: u64 = 1 << 18;
+const CELLS_A_BYTE: u64 = 4;
+/// Cells that a sheet may always say it has: 65,536 rows, which some programs tell whatever there is, with twelve columns.
+const FEW_TOLD: u64 = 3 << 18;
+/// How many times the bytes of all records those of the sheets may be: each should belong to one sheet.
+const TIMES_WALKED: u64 = 8;
+/// How often the library holds the text of a cell: as it was read, as it is handed over, and as it is kept.
+const COPIES: u64 = 3;
+/// Most bytes of UTF-8 that become of a byte, and of a character of a name, in any encoding.
+const OF_A_BYTE: u64 = 4;
+const OF_A_CHARACTER: u64 = 6;
+/// Bytes that move for each part of the shared texts when one is taken: the places of those behind it.
+const PLACE: u64 = 16;
+
+/// Records: begin and end of a part, a sheet's place, names of cells, the texts that cells share and what continues them.
+const BEGIN_OF_PART: u16 = 0x0809;
+const END_OF_PART: u16 = 0x000a;
+const SHEET: u16 = 0x0085;
+const NAME: u16 = 0x0018;
+const TEXTS: u16 = 0x00fc;
+const CONTINUED: u16 = 0x003c;
+/// Of a sheet: its size as it is told, and cells.
+const DIMENSIONS: u16 = 0x0200;
+const FORMULA: u16 = 0x0006;
+const TEXT_OF_FORMULA: u16 = 0x0207;
+const NUMBERS: u16 = 0x00bd;
+const SHARED_TEXT: u16 = 0x00fd;
+const OWN_TEXTS: [u16; 2] = [0x0204, 0x00d6];
+const OTHER_CELLS: [u16; 3] = [0x0203, 0x0205, 0x027e];
+
+/// Refuses a stream of records, of a file of so many bytes, of which would become far more than it is.
+pub fn look(book: &[u8], own: u64) -> Result<(), TableError> {
+    let Some(wrong) = wrong(book, own) else { return Ok(()) };
+    Err(TableError::refused(format!(
+        "a workbook {wrong}; save it again, or the columns that are needed as CSV"
+    )))
+}
+
+fn wrong(book: &[u8], own: u64) -> Option<String> {
+    let shared = Shared::of(book);
+    let mut made = Written { text: 0, moved: shared.moved };
+    if made.moved > limits::moved(own) {
+        return Some(format!(
+            "whose shared texts are cut into {} parts, more than any program writes",
+            shared.parts
+        ));
+    }
+    let most_told = FEW_TOLD.max(own).min(MAX_CELLS as u64);
+    let (mut cells, mut walked) = (0u64, 0u64);
+    for (at, name) in sheets(book) {
+        let reach = Reach::of(book.get(at..).unwrap_or_default(), &shared);
+        made = made.and(reach.made);
+        (cells, walked) = (cells.saturating_add(reach.cells()), walked + reach.walked);
+        let (told, text) = (reach.told, made.text);
+        if told > most_told {
+            return Some(format!(
+                "whose sheet {name:?} says it has {told} cells: {most_told} are taken of {own} bytes"
+            ));
+        }
+        if text > limits::bytes(own) {
+            return Some(format!(
+                "of which texts and formulas of {text} bytes would be made up to its sheet {name:?}, from {own}"
+            ));
+        }
+        if made.moved > limits::moved(own) {
+            return Some(format!("whose sheet {name:?} has formulas that would take minutes"));
+        }
+        if walked > TIMES_WALKED * book.len() as u64 {
+            return Some(format!("whose sheet {name:?} shares its cells with others"));
+        }
+    }
+    let most = FEW_CELLS.max(own.saturating_mul(CELLS_A_BYTE)).min(MAX_CELLS as u64);
+    (cells > most).then(|| {
+        format!(
+            "whose sheets reach over {cells} cells: {most} are taken of {own} bytes; delete cells far from the others"
+        )
+    })
+}
+
+/// The records of a stream: kind and bytes.
+fn records(stream: &[u8]) -> impl Iterator<Item = (u16, &[u8])> {
+    let mut rest = stream;
+    std::iter::from_fn(move || {
+        let (kind, len) = (u16_at(rest, 0)?, u16_at(rest, 2)?);
+        let (own, next) = rest.split_at_checked(4 + usize::from(len))?;
+        rest = next;
+        Some((kind, &own[4..]))
+    })
+}
+
+/// The records before the sheets.
+fn globals(book: &[u8]) -> impl Iterator<Item = (u16, &[u8])> {
+    records(book).take_while(|(kind, _)| *kind != END_OF_PART)
+}
+
+/// Where each sheet begins, and its name.
+fn sheets(book: &[u8]) -> impl Iterator<Item = (usize, String)> {
+    let places = globals(book).filter(|(kind, _)| *kind == SHEET);
+    places.filter_map(|(_, data)| Some((u32_at(data, 0)? as usize, name_of(data))))
+}
+
+/// The name of a sheet, for a message.
+fn name_of(data: &[u8]) -> String {
+    let len = data.get(6).map_or(0, |len| usize::from(*len));
+    let narrow = |text: &[u8]| text.iter().take(len).map(|byte| char::from(*byte)).collect();
+    match data.get(7..).unwrap_or_default() {
+        [1, wide @ ..] => {
+            UTF_16LE.decode_without_bom_handling(&wide[..wide.len().min(2 * len)]).0.into_owned()
+        }
+        [0, text @ ..] => narrow(text),
+        // Excel 5 does not tell how wide it is.
+        text => narrow(text),
+    }
+}
+
+/// What all sheets share.
+#[derive(Debug, Default)]
+struct Shared {
+    /// Bytes of each text that cells name by its number.
+    texts: Vec<u32>,
+    /// Bytes of the longest name of a sheet or of cells.
+    longest: u64,
+    /// Parts that the texts are cut into, and bytes that are moved to put them together.
+    parts: usize,
+    moved: u64,
+}
+
+impl Shared {
+    fn of(book: &[u8]) -> Self {
+        let mut shared = Self::default();
+        let mut records = globals(book).peekable();
+        while let Some((kind, data)) = records.next() {
+            let len_at = match kind {
+                SHEET => 6,
+                NAME => 3,
+                TEXTS => {
+                    let mut parts = vec![data];
+                    while let Some((_, more)) = records.next_if(|(kind, _)| *kind == CONTINUED) {
+                        parts.push(more);
+                    }
+                    shared.take(&parts);
+                    continue;
+                }
+                _ => continue,
+            };
+            let characters = data.get(len_at).map_or(0, |len| u64::from(*len));
+            shared.longest = shared.longest.max(OF_A_CHARACTER * characters);
+        }
+        shared
+    }
+
+    /// The library takes the last list of texts, and looks at each.
+    fn take(&mut self, parts: &[&[u8]]) {
+        let count = parts.len() as u64;
+        self.moved = self.moved.saturating_add(count.saturating_mul(count) / 2 * PLACE);
+        self.parts = self.parts.max(parts.len());
+        self.texts = texts(parts);
+    }
+
+    /// Bytes of the text with a number.
+    fn bytes(&self, number: Option<u32>) -> u64 {
+        number.and_then(|number| self.texts.get(number as usize)).map_or(0, |bytes| u64::from(*bytes))
+    }
+}
+
+/// How far a sheet reaches: rows and columns, from the first to the last; and what it makes the library take.
+#[derive(Debug, Default, PartialEq, Eq)]
+struct Reach {
+    rows: Option<(u16, u16)>,
+    columns: Option<(u16, u16)>,
+    /// The cells that it says it has.
+    told: u64,
+    /// Texts of its cells and formulas.
+    made: Written,
+    /// Bytes of its records.
+    walked: u64,
+}
+
+impl Reach {
+    /// Of the sheet that begins with a stream.
+    fn of(stream: &[u8], shared: &Shared) -> Self {
+        let mut reach = Self::default();
+        let (mut has_begun, mut within, mut formula) = (false, 0u64, Some((0, 0)));
+        for (kind, data) in records(stream) {
+            reach.walked += 4 + data.len() as u64;
+            let place = || u16_at(data, 0).zip(u16_at(data, 2));
+            match kind {
+                // A chart within a sheet has cells of its own.
+                BEGIN_OF_PART if has_begun => within += 1,
+                BEGIN_OF_PART => has_begun = true,
+                END_OF_PART if within > 0 => within -= 1,
+                END_OF_PART => break,
+                _ if within > 0 => {}
+                DIMENSIONS => reach.told = reach.told.saturating_add(told(data).unwrap_or(0)),
+                FORMULA => {
+                    formula = place().or(formula);
+                    reach.take(formula);
+                    reach.made = reach.made.and(of_formula(data, shared.longest));
+                }
+                TEXT_OF_FORMULA => {
+                    reach.take(formula);
+                    reach.text(room(data));
+                }
+                NUMBERS => {
+                    reach.take(place());
+                    reach.take(u16_at(data, 0).zip(u16_at(data, data.len().saturating_sub(2))));
+                }
+                SHARED_TEXT => {
+                    reach.take(place());
+                    reach.text(shared.bytes(u32_at(data, 6)));
+                }
+                _ if OWN_TEXTS.contains(&kind) => {
+                    reach.take(place());
+                    reach.text(room(data.get(6..).unwrap_or_default()));
+                }
+                _ if OTHER_CELLS.contains(&kind) => reach.take(place()),
+                _ => {}
+            }
+        }
+        reach
+    }
+
+    fn take(&mut self, place: Option<(u16, u16)>) {
+        let Some((row, column)) = place else { return };
+        let wider = |from_to: Option<(u16, u16)>, at: u16| {
+            let (from, to) = from_to.unwrap_or((at, at));
+            Some((from.min(at), to.max(at)))
+        };
+        (self.rows, self.columns) = (wider(self.rows, row), wider(self.columns, column));
+    }
+
+    fn text(&mut self, bytes: u64) {
+        self.made = self.made.and(Written { text: COPIES * bytes, moved: 0 });
+    }
+
+    fn cells(&self) -> u64 {
+        let count = |from_to: Option<(u16, u16)>| from_to.map_or(0, |(from, to)| u64::from(to - from) + 1);
+        count(self.rows) * count(self.columns)
+    }
+}
+
+/// The bytes that the library makes room for, for the text of a cell: as many as it says it is long, be it shorter or not.
+fn room(text: &[u8]) -> u64 {
+    u16_at(text, 0).map_or(0, u64::from).max(OF_A_BYTE * text.len() as u64)
+}
+
+/// What is made of the tokens of a formula.
+fn of_formula(data: &[u8], longest: u64) -> Written {
+    let (len, tokens) = (u16_at(data, 20).map_or(0, usize::from), data.get(22..).unwrap_or_default());
+    written(&tokens[..tokens.len().min(len)], longest)
+}
+
+/// The cells that a sheet says it has, as the library reads it.
+fn told(data: &[u8]) -> Option<u64> {
+    let short = |at: usize| u16_at(data, at).map(u32::from);
+    let (from, to, left, right) = match data.len() {
+        10 => (short(0)?, short(2)?, short(4)?, short(6)?),
+        14 | 16 => (u32_at(data, 0)?, u32_at(data, 4)?, short(8)?, short(10)?),
+        _ => return None,
+    };
+    let left = if left > 0xff || right < left { 0 } else { left };
+    let (rows, columns) = if to > 0 && right > 0 { (to.wrapping_sub(from), right - left) } else { (1, 1) };
+    Some(u64::from(rows) * u64::from(columns))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn record(kind: u16, data: &[u16]) -> Vec<u8> {
+        let data: Vec<u8> = data.iter().flat_map(|word| word.to_le_bytes()).collect();
+        [&kind.to_le_bytes()[..], &(data.len() as u16).to_le_bytes()[..], &data[..]].concat()
+    }
+
+    fn number(row: u16, column: u16) -> Vec<u8> {
+        record(0x0203, &[row, column, 0, 0, 0, 0, 0x4049])
+    }
+
+    fn reach(stream: &[u8]) -> Reach {
+        Reach::of(stream, &Shared { texts: vec![5, 70_000], longest: 60, ..Shared::default() })
+    }
+
+    #[test]
+    fn a_sheet_reaches_from_its_first_to_its_last_cell() {
+        let begin = record(BEGIN_OF_PART, &[0x0600, 0x10]);
+        let chart = [begin.clone(), number(9000, 200), record(END_OF_PART, &[])].concat();
+        let own = [number(2, 1), number(4, 3), chart, record(NUMBERS, &[5, 2, 0, 0, 0, 0, 0, 0, 3])].concat();
+        let after = [record(END_OF_PART, &[]), number(60_000, 255)].concat();
+        let whole = reach(&[begin.clone(), own.clone(), after].concat());
+        assert_eq!((whole.rows, whole.columns, whole.told), (Some((2, 5)), Some((1, 3)), 0));
+        assert_eq!(whole.cells(), 4 * 3);
+        assert_eq!(whole.walked, (begin.len() + own.len() + 4) as u64, "no record behind its end");
+        let text = [record(FORMULA, &[7, 8]), record(TEXT_OF_FORMULA, &[0])].concat();
+        assert_eq!(reach(&text).cells(), 1);
+        assert_eq!(reach(&begin).cells(), 0);
+        assert_eq!(reach(&number(1, 1)[..9]), Reach::default(), "a record that is cut");
+    }
+
+    #[test]
+    fn what_a_sheet_says_of_its_size_is_read_as_the_library_reads_it() {
+        let cells = |data: &[u16]| reach(&record(DIMENSIONS, data)).told;
+        assert_eq!(cells(&[0, 0, 1200, 0, 0, 4, 0]), 4800);
+        assert_eq!(cells(&[3, 0, 1200, 0, 300, 4, 0]), 1197 * 4, "a first column that cannot be is 0");
+        assert_eq!(cells(&[0, 1200, 0, 4, 0]), 4800, "as Excel 5 writes it");
+        assert_eq!(cells(&[0, 0, 0, 0, 0, 0, 0]), 1);
+        assert_eq!(cells(&[0, 0, 0, 0x8000, 0, 256, 0]), 0x8000_0000 * 256);
+        assert_eq!(cells(&[9, 0, 1, 0, 0, 1, 0]), 0xffff_fff8, "from a row behind its last");
+        assert_eq!(cells(&[1, 2]), 0);
+        assert_eq!(
+            reach(&record(DIMENSIONS, &[0, 1200, 0, 4, 0]).repeat(3)).told,
+            3 * 4800,
+            "each makes room"
+        );
+    }
+
+    #[test]
+    fn texts_are_counted_for_each_cell_and_as_long_as_they_are_told() {
+        let text = |records: &[Vec<u8>]| reach(&records.concat()).made.text;
+        let shared = |number: u16| record(SHARED_TEXT, &[0, 0, 0, number, 0]);
+        assert_eq!(text(&[shared(0), shared(1), shared(1)]), COPIES * (5 + 2 * 70_000));
+        assert_eq!(text(&[shared(2), record(SHARED_TEXT, &[0, 0])]), 0, "there is no such text");
+        assert_eq!(text(&[record(0x0204, &[0, 0, 0, 0xffff, 0])]), COPIES * 0xffff);
+        assert_eq!(text(&[record(TEXT_OF_FORMULA, &[0xffff])]), COPIES * 0xffff);
+        assert_eq!(text(&[record(0x00d6, &[0, 0, 0, 2, 0x6100, 0x62])]), COPIES * OF_A_BYTE * 6);
+    }
+
+    #[test]
+    fn formulas_are_counted_by_their_tokens() {
+        // Twenty bytes, the length of the tokens, a name, and what is no token any more.
+        let formula = [&[0; 10][..], &[5, 0x0123, 0, 0x2300, 0x2323][..]].concat();
+        let made = reach(&record(FORMULA, &formula)).made;
+        assert_eq!(made, written(&[0x23, 1, 0, 0, 0], 60));
+        assert_eq!(reach(&record(FORMULA, &[0; 10])).made, Written::default());
+    }
+
+    #[test]
+    fn what_sheets_share_stands_before_their_end() {
+        let place = |name: &[u16]| record(SHEET, &[&[9, 0, 0][..], name].concat());
+        let texts = [record(TEXTS, &[0, 0, 0, 0, 1, 0x6100]), record(CONTINUED, &[1, 0x6200])].concat();
+        let book = [
+            place(&[0x0001, u16::from(b'S')]),
+            place(&[0x0101, u16::from(b'T')]),
+            texts.clone(),
+            record(END_OF_PART, &[]),
+            place(&[0x0005, 0x4142]),
+            texts,
+        ]
+        .concat();
+        let sheets: Vec<(usize, String)> = sheets(&book).collect();
+        assert_eq!(sheets, [(9, "S".to_string()), (9, "T".to_string())]);
+        let shared = Shared::of(&book);
+        assert_eq!((shared.texts.as_slice(), shared.longest, shared.parts), (&[1, 1][..], 6, 2));
+        assert_eq!((shared.bytes(Some(1)), shared.bytes(Some(2)), shared.bytes(None)), (1, 0, 0));
+        assert_eq!(name_of(&[0, 0, 0, 0, 0, 0, 3, b'A', b'B', b'C', b'D']), "ABC", "as Excel 5 writes it");
+        assert_eq!(name_of(&[0, 0, 0]), "");
+    }
+}

@@ -1,0 +1,423 @@
+//! Looks at the parts of an `.xlsb` before the library opens it. The library makes room for a record as long as it says it is, and
+//! keeps the bytes of the longest one before: what a shorter one lacks, it takes from there. It writes the names of cells as text,
+//! with the names and sheets in them as often as they stand there.
+
+use super::fields::u32_at;
+use super::limits;
+use super::tags::{Tag, Tags, attributes};
+use super::tokens::{Written, depth, written};
+use std::io::{self, BufRead};
+
+/// Where a workbook lies in its archive, and the list of its parts, in small letters.
+pub const BOOK: &str = "xl/workbook.bin";
+pub const RELATIONS: &str = "xl/_rels/workbook.bin.rels";
+/// Folders in which the library takes a part for a sheet, from the folder of the workbook on, and how the name of a sheet ends.
+const SHEETS: [&str; 3] = ["worksheets/", "chartsheets/", "dialogsheets/"];
+const END: &str = ".bin";
+/// Most bytes of the place of a part: paths in Windows are no longer.
+const LONGEST_PLACE: usize = 260;
+
+/// Records: a shared text; the text of a cell, and of a formula's value; a sheet, links to sheets and a name of cells; formats of
+/// numbers and of cells, each as a list and one of them.
+const SHARED_TEXT: u16 = 0x0013;
+const TEXT_OF_CELL: u16 = 0x0006;
+const TEXT_OF_FORMULA: u16 = 0x0008;
+const SHEET: u16 = 0x009c;
+const LINKS: u16 = 0x016a;
+const NAME: u16 = 0x0027;
+const FORMATS: u16 = 0x0267;
+const FORMAT: u16 = 0x002c;
+const CELL_FORMATS: u16 = 0x0269;
+const CELL_FORMAT: u16 = 0x002f;
+
+/// Most bytes of a record that are looked at: a name of cells that Excel takes is shorter.
+const HELD: usize = 1 << 16;
+/// Most bytes of the record of a sheet: two numbers, and two names of 255 characters with their lengths.
+const LONGEST_SHEET: usize = 1036;
+/// Bytes of a link to a sheet, of what stands before the first, and of a text beside its characters.
+const LINK: usize = 12;
+const LINKS_HEAD: usize = 4;
+const TEXT: u64 = 24;
+/// How deep a formula may be nested in formulas: each level takes some kilobytes of a stack of 2 MB.
+const MOST_DEPTH: usize = 64;
+
+/// Looks at a part, by its name in small letters. Where there is no `BOOK`, the library looks for formats and texts only.
+///
+/// # Errors
+/// What the reader said, and what is wrong with the part.
+pub fn look(name: &str, part: impl BufRead, is_binary: bool) -> io::Result<()> {
+    let mut records = Records { from: part, at: 0, held: Vec::new() };
+    match name.strip_prefix("xl/") {
+        _ if name == BOOK => book(&mut records),
+        Some("styles.bin") => formats(&mut records),
+        Some("sharedstrings.bin") => texts(&mut records, &[(SHARED_TEXT, 1)]),
+        Some(place) if is_binary && is_sheet(place.as_bytes()) => {
+            texts(&mut records, &[(TEXT_OF_CELL, 8), (TEXT_OF_FORMULA, 8)])
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Looks at the list of parts: what it calls a sheet has to be one that is looked at.
+///
+/// # Errors
+/// What the reader said, and a place where no sheet lies.
+pub fn relations(tags: &mut Tags<impl BufRead>) -> io::Result<()> {
+    while let Some(tag) = tags.tag()? {
+        let Tag::Begin(b"Relationship", own) = tag else { continue };
+        for (_, place) in attributes(own).filter(|(name, _)| *name == b"Target") {
+            let small = place.to_ascii_lowercase();
+            let is_plain = place.len() <= LONGEST_PLACE && !place.contains(&b'&');
+            if !is_plain || (is_in_folder(&small) && !is_sheet(&small)) {
+                let place = String::from_utf8_lossy(&place[..place.len().min(LONGEST_PLACE)]).into_owned();
+                return Err(wrong(format!("it lists a part at {place:?}, where Excel puts none")));
+            }
+        }
+    }
+    Ok(())
+}
+
+fn is_in_folder(place: &[u8]) -> bool {
+    SHEETS.iter().any(|folder| place.starts_with(folder.as_bytes()))
+}
+
+fn is_sheet(place: &[u8]) -> bool {
+    is_in_folder(place) && place.ends_with(END.as_bytes())
+}
+
+fn wrong(says: String) -> io::Error {
+    io::Error::other(says)
+}
+
+/// The records of a part one after the other.
+struct Records<R> {
+    from: R,
+    /// Bytes that were read.
+    at: u64,
+    /// The first bytes of the record that was read last.
+    held: Vec<u8>,
+}
+
+impl<R: BufRead> Records<R> {
+    fn byte(&mut self) -> io::Result<Option<u8>> {
+        let byte = self.from.fill_buf()?.first().copied();
+        self.from.consume(usize::from(byte.is_some()));
+        self.at += u64::from(byte.is_some());
+        Ok(byte)
+    }
+
+    /// The kind of the next record; `None` at the end.
+    fn kind(&mut self) -> io::Result<Option<u16>> {
+        let Some(low) = self.byte()? else { return Ok(None) };
+        if low & 0x80 == 0 {
+            return Ok(Some(u16::from(low)));
+        }
+        let high = self.byte()?;
+        Ok(high.map(|high| u16::from(low & 0x7f) | (u16::from(high & 0x7f) << 7)))
+    }
+
+    /// Goes on behind the record whose kind was read; the bytes that it has. `None` where the part ends before it says.
+    fn body(&mut self) -> io::Result<Option<usize>> {
+        let mut len = 0;
+        for at in 0..4 {
+            let Some(byte) = self.byte()? else { return Ok(None) };
+            len |= usize::from(byte & 0x7f) << (7 * at);
+            if byte & 0x80 == 0 {
+                break;
+            }
+        }
+        self.held.clear();
+        let mut left = len;
+        while left > 0 {
+            let come = self.from.fill_buf()?;
+            if come.is_empty() {
+                let come = len - left;
+                return Err(wrong(format!("a record says that it has {len} bytes, and {come} come")));
+            }
+            let (taken, room) = (left.min(come.len()), HELD - self.held.len());
+            self.held.extend_from_slice(&come[..taken.min(room)]);
+            self.from.consume(taken);
+            left -= taken;
+        }
+        self.at += len as u64;
+        Ok(Some(len))
+    }
+
+    /// The next record: its kind, and the bytes that it has. `None` at the end.
+    fn record(&mut self) -> io::Result<Option<(u16, usize)>> {
+        let Some(kind) = self.kind()? else { return Ok(None) };
+        Ok(self.body()?.map(|len| (kind, len)))
+    }
+
+    /// Refuses a record of so many bytes whose text goes on behind its end.
+    fn has_text(&self, at: usize, len: usize) -> io::Result<()> {
+        match u32_at(&self.held, at) {
+            Some(characters) if (at + 4) as u64 + 2 * u64::from(characters) <= len as u64 => Ok(()),
+            Some(characters) => Err(wrong(format!(
+                "a text says that it has {characters} characters, in a record of {len} bytes"
+            ))),
+            None => Err(wrong(format!("a record of a text has {len} bytes, which hold none"))),
+        }
+    }
+}
+
+/// A part with records of texts, by their kinds and where in them a text begins.
+fn texts(records: &mut Records<impl BufRead>, kinds: &[(u16, usize)]) -> io::Result<()> {
+    while let Some((kind, len)) = records.record()? {
+        if let Some((_, at)) = kinds.iter().find(|(own, _)| *own == kind) {
+            records.has_text(*at, len)?;
+        }
+    }
+    Ok(())
+}
+
+/// The part of formats. The library looks for its two lists byte by byte, as it takes no more than the kind of any other record; so
+/// does this, to see the same lists.
+fn formats(records: &mut Records<impl BufRead>) -> io::Result<()> {
+    while let Some(kind) = records.kind()? {
+        let one = match kind {
+            FORMATS => FORMAT,
+            CELL_FORMATS => CELL_FORMAT,
+            _ => continue,
+        };
+        if records.body()?.is_none() {
+            break;
+        }
+        for _ in 0..u32_at(&records.held, 0).unwrap_or(0) {
+            if !goes_on_to(records, one)? {
+                return Ok(());
+            }
+        }
+        if kind == CELL_FORMATS {
+            break;
+        }
+    }
+    Ok(())
+}
+
+/// Goes on behind the next record of a kind; `false` where there is none.
+fn goes_on_to(records: &mut Records<impl BufRead>, wanted: u16) -> io::Result<bool> {
+    while let Some((kind, len)) = records.record()? {
+        if kind == FORMAT && wanted == FORMAT {
+            records.has_text(2, len)?;
+        }
+        if kind == wanted {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
+/// The part that lists sheets and names of cells.
+fn book(records: &mut Records<impl BufRead>) -> io::Result<()> {
+    let (mut longest, mut made) = (0u64, Written::default());
+    while let Some((kind, len)) = records.record()? {
+        match kind {
+            SHEET => {
+                let characters = u32_at(&records.held, 8).filter(|characters| *characters != u32::MAX);
+                let relation = 12 + 2 * characters.map_or(0, u64::from);
+                if len > LONGEST_SHEET || relation > len as u64 {
+                    return Err(wrong(format!(
+                        "a sheet is listed in {len} bytes, too many or too few for its name"
+                    )));
+                }
+                longest = longest.max(of_wide(len));
+            }
+            LINKS => {
+                let count = u32_at(&records.held, 0).map_or(0, u64::from);
+                if LINKS_HEAD as u64 + count * LINK as u64 > len as u64 {
+                    return Err(wrong(format!("a record says that it has {count} links, in {len} bytes")));
+                }
+                made = made.and(Written { text: count.saturating_mul(longest + TEXT), moved: 0 });
+            }
+            NAME if len > HELD => {
+                return Err(wrong(format!("a name of cells takes {len} bytes")));
+            }
+            NAME => {
+                // What is cut is refused by the library.
+                let Some((name, tokens)) = name(&records.held) else { continue };
+                if depth(tokens) > MOST_DEPTH {
+                    return Err(wrong("a name of cells has formulas nested too deep".to_string()));
+                }
+                longest = longest.max(of_wide(name));
+                made = made.and(written(tokens, longest));
+            }
+            _ => {}
+        }
+    }
+    let at = records.at;
+    if made.text > limits::bytes(at) {
+        return Err(wrong(format!("its names of cells would become {} bytes of text, from {at}", made.text)));
+    }
+    if made.moved > limits::moved(at) {
+        return Err(wrong("its names of cells would take minutes to be written as text".to_string()));
+    }
+    Ok(())
+}
+
+/// Most bytes that so many bytes of wide characters take in UTF-8.
+fn of_wide(bytes: usize) -> u64 {
+    bytes as u64 * 3 / 2
+}
+
+/// A name of cells: the bytes of its characters, and the tokens of its formula.
+fn name(held: &[u8]) -> Option<(usize, &[u8])> {
+    const AT: usize = 9;
+    let len = (u32_at(held, AT)? as usize).checked_mul(2)?;
+    let behind = held.get(AT + 4..)?.get(len..)?;
+    let tokens = behind.get(4..)?.get(..u32_at(behind, 0)? as usize)?;
+    Some((len, tokens))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A record that says it is so long.
+    fn told(kind: u16, len: usize, data: &[u8]) -> Vec<u8> {
+        let mut out = if kind < 0x80 { vec![kind as u8] } else { vec![kind as u8 | 0x80, (kind >> 7) as u8] };
+        let mut left = len;
+        while left >= 0x80 {
+            out.push(left as u8 | 0x80);
+            left >>= 7;
+        }
+        out.push(left as u8);
+        out.extend(data);
+        out
+    }
+
+    fn record(kind: u16, data: &[u8]) -> Vec<u8> {
+        told(kind, data.len(), data)
+    }
+
+    fn wide(text: &str) -> Vec<u8> {
+        let words = text.encode_utf16().flat_map(u16::to_le_bytes);
+        (text.encode_utf16().count() as u32).to_le_bytes().into_iter().chain(words).collect()
+    }
+
+    /// What is wrong with a part; nothing where it is sound.
+    fn said(name: &str, part: &[Vec<u8>]) -> String {
+        look(name, part.concat().as_slice(), true).err().map(|error| error.to_string()).unwrap_or_default()
+    }
+
+    const PARTS: [&str; 3] = ["xl/worksheets/sheet1.bin", "xl/workbook.bin", "xl/sharedstrings.bin"];
+
+    #[test]
+    fn a_record_that_is_longer_than_its_part_is_refused() {
+        for part in PARTS {
+            assert_eq!(said(part, &[record(0x94, &[0; 16]), record(0x1ff, &[0; 300]), record(0, &[])]), "");
+            let lies = [record(0x94, &[0; 16]), told(0x94, (1 << 28) - 1, &[0; 16])];
+            assert_eq!(said(part, &lies), "a record says that it has 268435455 bytes, and 16 come");
+            assert_eq!(said(part, &[vec![0x94]]), "", "a kind that is cut");
+            assert_eq!(said(part, &[vec![0x94, 1, 0xff]]), "", "a length that is cut");
+        }
+        let lies = told(1, 1 << 20, &[]);
+        assert_eq!(said("xl/printersettings/settings1.bin", std::slice::from_ref(&lies)), "", "no records");
+        assert!(look(PARTS[0], lies.as_slice(), false).is_ok(), "no sheet of an .xlsb");
+        assert!(look(PARTS[2], lies.as_slice(), false).is_err(), "texts are read all the same");
+    }
+
+    #[test]
+    fn a_text_that_goes_on_behind_its_record_is_refused() {
+        let of = |at: usize, text: &[u8]| [&vec![0; at][..], text].concat();
+        for (part, kind, at) in [
+            ("xl/worksheets/sheet1.bin", TEXT_OF_CELL, 8),
+            ("xl/worksheets/sheet1.bin", TEXT_OF_FORMULA, 8),
+            ("xl/sharedstrings.bin", SHARED_TEXT, 1),
+        ] {
+            let sound = record(kind, &of(at, &wide("OP")));
+            assert_eq!(said(part, &[sound.clone(), record(kind, &of(at, &[0; 9])), record(1, &[])]), "");
+            let long = record(kind, &of(at, &wide("OP")[..7]));
+            assert!(said(part, &[sound.clone(), long]).contains("2 characters, in a record of "));
+            let blank = record(kind, &[0]);
+            assert!(said(part, &[sound, blank]).contains("has 1 bytes, which hold none"));
+        }
+    }
+
+    #[test]
+    fn formats_are_looked_for_as_the_library_does() {
+        let format = |text: &[u8]| record(FORMAT, &[&[164, 0][..], text].concat());
+        let list = |kind: u16, count: u32| record(kind, &count.to_le_bytes());
+        let part = |formats: &[Vec<u8>]| {
+            let begin = [record(0x116, &[]), list(FORMATS, formats.len() as u32)];
+            let end = [record(0x268, &[]), list(CELL_FORMATS, 1), record(CELL_FORMAT, &[0; 16])];
+            [&begin[..], formats, &end[..]].concat()
+        };
+        let name = "xl/styles.bin";
+        assert_eq!(said(name, &part(&[format(&wide("0.00")), format(&wide("hh:mm"))])), "");
+        let said_of_long = said(name, &part(&[format(&wide("0.00")), format(&[9, 0, 0, 0])]));
+        assert!(said_of_long.contains("9 characters"), "{said_of_long}");
+        let lies = [part(&[]), vec![told(CELL_FORMAT, 1 << 27, &[])]].concat();
+        assert_eq!(said(name, &lies), "", "behind the lists nothing is read");
+        let within = [list(FORMATS, 1), told(0x10, 1 << 27, &[])];
+        assert!(said(name, &within).contains("134217728 bytes, and 0 come"));
+        // The bytes of a list's kind within a record.
+        let hidden = [record(0x10, &told(FORMATS, 1 << 27, &[0; 4]))];
+        assert!(said(name, &hidden).contains("134217728 bytes, and 4 come"));
+    }
+
+    fn sheet(relation: &str, name: &str) -> Vec<u8> {
+        record(SHEET, &[&[0; 8][..], &wide(relation)[..], &wide(name)[..]].concat())
+    }
+
+    fn name_of(tokens: &[u8]) -> Vec<u8> {
+        let len = (tokens.len() as u32).to_le_bytes();
+        record(NAME, &[&[0; 9][..], &wide("limits")[..], &len[..], tokens].concat())
+    }
+
+    #[test]
+    fn sheets_links_and_names_take_no_more_than_they_have() {
+        let said = |records: &[Vec<u8>]| said("xl/workbook.bin", records);
+        let links = |count: u32| record(LINKS, &[&count.to_le_bytes()[..], &[0; 36][..]].concat());
+        let area = [0x3b, 0, 0, 41, 0, 0, 0, 99, 0, 0, 0, 1, 0xc0, 2, 0xc0];
+        let sound = [sheet("rId1", "Trend"), links(3), name_of(&area), name_of(&[]), record(NAME, &[0; 12])];
+        assert_eq!(said(&sound), "");
+        let unlisted = record(SHEET, &[&[0; 8][..], &[0xff; 4][..], &wide("Macro")[..]].concat());
+        assert_eq!(said(&[unlisted]), "", "a sheet without a part");
+        assert!(said(&[sheet("rId1", &"x".repeat(600))]).contains("a sheet is listed in 1224 bytes"));
+        let short = record(SHEET, &[&[0; 8][..], &[9, 0, 0, 0][..], &[0; 8][..]].concat());
+        assert!(said(&[short]).contains("a sheet is listed in 20 bytes"));
+        assert!(said(&[links(4)]).contains("4 links, in 40 bytes"));
+        let long = record(NAME, &vec![0; HELD + 1]);
+        assert!(said(&[long]).contains("a name of cells takes 65537 bytes"));
+    }
+
+    #[test]
+    fn formulas_that_are_deep_or_long_to_write_are_refused() {
+        let said = |records: &[Vec<u8>]| said("xl/workbook.bin", records);
+        let deep = |levels: usize| {
+            let nest = |inside: Vec<u8>| {
+                [&[0x29][..], &(inside.len() as u16).to_le_bytes()[..], &inside[..]].concat()
+            };
+            (0..levels).fold(vec![0x44, 0, 0, 0, 0, 0, 0], |inside, _| nest(inside))
+        };
+        assert_eq!(said(&[name_of(&deep(MOST_DEPTH))]), "");
+        assert!(said(&[name_of(&deep(MOST_DEPTH + 1))]).contains("nested too deep"));
+        let long = sheet("rId1", &"x".repeat(500));
+        let links = record(LINKS, &[1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
+        let areas = [0x3b; 60_000];
+        assert!(said(&[long, links, name_of(&areas)]).contains("its names of cells would become 9"));
+        let signs = [0x12; 60_000];
+        assert!(said(&[name_of(&signs)]).contains("its names of cells would take minutes"));
+    }
+
+    #[test]
+    fn sheets_lie_where_they_are_looked_at() {
+        let said = |place: &str| {
+            let list = format!("<Relationships><Relationship Id='r' Target=\"{place}\"/></Relationships>");
+            relations(&mut Tags::new(list.as_bytes()))
+                .err()
+                .map(|error| error.to_string())
+                .unwrap_or_default()
+        };
+        for sound in
+            ["worksheets/sheet1.bin", "WorkSheets/Sheet1.BIN", "theme/theme1.xml", "sharedStrings.bin"]
+        {
+            assert_eq!(said(sound), "");
+        }
+        let long = format!("worksheets/{}.bin", "x".repeat(LONGEST_PLACE));
+        for place in ["worksheets/_rels/sheet1.bin.rels", "w&#111;rksheets/sheet1.xml", long.as_str()] {
+            assert!(said(place).contains("it lists a part at \""), "{place}");
+        }
+    }
+}
