@@ -368,6 +368,41 @@ fn a_state_in_numbers_beside_a_value_is_asked_about() {
 }
 
 #[test]
+fn what_either_of_two_columns_calls_bad_is_bad() {
+    let plain = Options::default();
+    let own = |t: f64, op: f64, pv: f64, said: &str| format!("{t},{op},{pv},{said}\n");
+    for (names, words, of_row) in [
+        ("IsGood,State", ["true,OK", "true,FAIL"], true),
+        ("IsGood,State", ["true,OK", "false,OK"], true),
+        ("State,IsGood", ["OK,1", "FAIL,1"], true),
+        ("State,Status", ["Normal,Good", "Fault,Good"], true),
+        ("PV_IsGood,PV state", ["true,OK", "true,FAIL"], false),
+        ("pv_status,State", ["Good,OK", "Good,FAIL"], false),
+        ("IsGood,PV state", ["true,OK", "true,FAIL"], false),
+    ] {
+        let table = of_bytes(&spoilt(&format!("Time,OP,PV,{names}\n"), words, own), &plain);
+        assert_left_out(&format!("{names} {words:?}"), table, of_row);
+    }
+    // Where nothing stands nothing is said.
+    let seldom = |t: f64, op: f64, pv: f64, said: &str| {
+        let said = if (t as u64).is_multiple_of(7) { said.replace("OK", "") } else { said.to_string() };
+        own(t, op, pv, &said)
+    };
+    let table = spoilt("Time,OP,PV,IsGood,State\n", ["true,OK", "true,FAIL"], seldom);
+    assert!(String::from_utf8_lossy(&table).contains("true,\n"), "some are blank");
+    assert_left_out("blank", of_bytes(&table, &plain), true);
+    // Each behind its value, beside a flag of the row.
+    let behind =
+        |t: f64, op: f64, pv: f64, [of_op, of_pv]: [&str; 2]| format!("{t},{op},{of_op},{pv},{of_pv},true");
+    assert_each("behind", &of_each("Time,OP,State,PV,State,IsGood", ["OK", "FAIL"], behind));
+    let long = |t: f64, op: f64, pv: f64, said: &str| {
+        format!("{t},FC101.OP,{op},true,OK\n{t},FC101.PV,{pv},true,{said}\n")
+    };
+    let table = spoilt("Time,Tag,Value,IsGood,State\n", ["OK", "FAIL"], long);
+    assert_left_out("long", of_bytes(&table, &plain), false);
+}
+
+#[test]
 fn a_state_that_is_a_tag_of_its_own_is_asked_about_where_its_value_is_needed() {
     let long = |t: f64, op: f64, pv: f64, said: &str| {
         format!("{t},FC101.OP,{op}\n{t},FC101.PV,{pv}\n{t},FC101.PV_STS,{said}\n{t},FC102.PV_STS,{said}\n")

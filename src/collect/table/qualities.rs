@@ -6,7 +6,7 @@ use super::layout::{Body, Layout, Wide};
 use super::names::Name;
 use super::odd_rows::begins_with_a_word;
 use super::roles::Roles;
-use super::says::{is_alarm, is_bad_flag, is_good_flag, is_of_value};
+use super::says::{Says, is_alarm, is_bad_flag, is_good_flag, is_of_value};
 use super::source::{Cell, Rows};
 use super::vocabulary::{QUALITIES, SHORT_QUALITIES};
 use super::words::{Words, means_blank};
@@ -321,12 +321,21 @@ impl Others {
                 found.truncate(if found.len() == 1 { 1 } else { 0 });
             }
         }
+        // One that another says of the same value already what it may say as well is not asked about: what either calls bad is bad.
+        // Where the good words are told, those of this one are not among them.
+        let is_second = |other: &&Other| told.is_none() && other.words.may_speak_of_quality();
         let Body::Wide(wide) = &layout.body else {
-            // Where another column says how good values are, nobody is asked.
-            return match asked.first().filter(|_| !sure) {
-                Some(other) => Err(doubt(other, layout)),
-                None => Ok(found.into_iter().map(|other| ((other.at, None), other.words)).collect()),
-            };
+            if let Some(other) = asked.first().filter(|_| !sure) {
+                return Err(doubt(other, layout));
+            }
+            let second =
+                asked.iter().filter(is_second).map(|other| ((other.at, None), bad_words(&other.words)));
+            let second: Vec<(Quality, Words)> = second.collect();
+            return Ok(found
+                .into_iter()
+                .map(|other| ((other.at, None), other.words))
+                .chain(second)
+                .collect());
         };
         let owned = placed(&found, &asked, wide, layout, self.rows)?;
         // Where another column says how good the same value is, nobody is asked.
@@ -346,10 +355,33 @@ impl Others {
         if let Some(other) = asked.iter().find(|other| !is_known(other)) {
             return Err(doubt(other, layout));
         }
+        let second: Vec<&Other> = asked.iter().filter(is_second).collect();
+        let names_none = |other: &&&Other| among.by_name(other.at).is_none();
+        let alone: Vec<usize> = second.iter().filter(names_none).map(|other| other.at).collect();
+        // One alone speaks of what the other speaks of; several stand each with its value.
+        let of_row = known.contains(&None) || alone.len() > 1;
+        let owner = |at: usize| match among.by_name(at) {
+            Some(value) => Some(value),
+            None if of_row => among.by_place(at, &alone).flatten(),
+            None => among.nearest(at),
+        };
         let place = |value: usize| wide.columns.iter().position(|at| *at == value);
+        let second: Vec<(Quality, Words)> = second
+            .iter()
+            .map(|other| ((other.at, owner(other.at).and_then(place)), bad_words(&other.words)))
+            .collect();
         let each = found.into_iter().zip(owned);
-        Ok(each.map(|(other, value)| ((other.at, value.and_then(place)), other.words)).collect())
+        let first = each.map(|(other, value)| ((other.at, value.and_then(place)), other.words));
+        Ok(first.chain(second).collect())
     }
+}
+
+/// The words of a column that do not say good: of one that stands beside another, a blank cell says nothing.
+fn bad_words(words: &Words) -> Words {
+    let says = Says::Words(true);
+    let mut bad = words.clone();
+    bad.counts.retain(|(word, _)| !says.quality(&Cell::Text(word)).is_good());
+    bad
 }
 
 /// The loop of OP or PV by its name, where each has a column.
