@@ -5,6 +5,7 @@ use super::header_zone::{HeaderZone, speaks_of_zone};
 use super::options::Unit;
 use super::vocabulary::{CLOCKS, DATES, FLAGGED, MODE, MV, OF_MANY, OP, OWNERS, PV, SP, TIME, VALUES};
 use crate::signal::Role;
+use std::sync::OnceLock;
 
 /// What a column's name says it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,7 +45,7 @@ const GASES: [&str; 7] = ["ppm", "ppmv", "ppb", "mg/m3", "mg/nm3", "vol%", "vol.
 const ZONES: [&str; 5] = ["utc", "gmt", "local", "-", ""];
 
 /// A name of a column or a tag, taken apart.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug)]
 pub struct Name {
     /// As it is written, without blanks around it.
     pub full: String,
@@ -52,6 +53,8 @@ pub struct Name {
     plain: String,
     /// The unit that stands in it.
     pub unit: Option<String>,
+    /// What it says, once somebody has asked: many ask, and each name takes long.
+    said: OnceLock<Option<Said>>,
 }
 
 /// What a name says, and how plainly.
@@ -75,7 +78,7 @@ impl Name {
         let (bare, unit) = split_unit(bare);
         // What stands in brackets may say what it is: `Flow (PV)`.
         let unit = unit.filter(|unit| labelled(unit).is_none());
-        Self { plain: plain(bare), unit: unit.map(str::to_string), full }
+        Self { plain: plain(bare), unit: unit.map(str::to_string), full, said: OnceLock::new() }
     }
 
     /// Whether somebody who writes `wanted` means this column; its unit may be left out.
@@ -86,6 +89,10 @@ impl Name {
 
     /// What it says of itself.
     pub fn said(&self) -> Option<Said> {
+        self.said.get_or_init(|| self.find()).clone()
+    }
+
+    fn find(&self) -> Option<Said> {
         if self.full.len() > LONGEST {
             return None;
         }

@@ -58,12 +58,13 @@ pub fn goes_on(header: &[Seen], below: &[SeenRow]) -> bool {
     let words = next.iter().filter(|cell| is_word(cell)).count();
     let numbers =
         next.iter().any(|cell| matches!(cell.kind, WhatKind::Number | WhatKind::Dated | WhatKind::Clock));
-    let parts = next.iter().any(|cell| is_part(&Name::new(&cell.text)));
+    let parts = || next.iter().any(|cell| is_part(&Name::new(&cell.text)));
+    // What takes longest is asked last.
     names > 1
         && words > 1
-        && parts
         && !numbers
         && (1..next.len()).any(|at| blank(at) && is_word(&next[at]) && holds(at))
+        && parts()
 }
 
 /// The names of a header below a row of loops, `FIC101.OP`; a cell that is merged over several columns names the first of them.

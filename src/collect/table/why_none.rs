@@ -86,10 +86,13 @@ pub fn blocks(rows: &[SeenRow], row_name: &str) -> Option<TableError> {
     let first = &rows[..rows.len().min(PREAMBLE)];
     let found = first.windows(2).find_map(|two| {
         let ((line, above), (_, header)) = (&two[0], &two[1]);
+        if filled(above) > 2 {
+            return None;
+        }
         let tag = above.iter().rfind(|cell| cell.kind != WhatKind::Blank).filter(|cell| is_tag(cell))?;
         let one_tag = above.iter().filter(|cell| is_tag(cell)).count() == 1;
         let is_header = header.iter().any(is_time) && header.iter().any(is_value);
-        (filled(above) <= 2 && one_tag && is_header).then_some((*line, &tag.text))
+        (one_tag && is_header).then_some((*line, &tag.text))
     });
     found.map(|(line, tag)| {
         TableError::refused(format!(
