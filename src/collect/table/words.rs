@@ -118,8 +118,7 @@ impl Words {
         let parts =
             |word: &str| word.split(|c: char| !c.is_alphanumeric()).filter(|part| !part.is_empty()).count();
         let any = |of: &dyn Fn(&str) -> bool| self.counts.iter().any(|(word, _)| of(word));
-        let of_a_mode =
-            |word: &str| word.split(|c: char| !c.is_alphanumeric()).any(|part| OF_A_MODE.contains(&part));
+        let of_a_mode = |word: &str| word.split(|c: char| !c.is_alphanumeric()).any(is_of_a_mode);
         let all_known = self.counts.iter().all(|(word, _)| usual(word).is_some() && parts(word) <= 2);
         !self.more && all_known && any(&|word| usual(word) == Some(true)) && any(&of_a_mode)
     }
@@ -202,50 +201,19 @@ const MANUAL: [&str; 18] = [
     "手动",
     "手動",
 ];
+/// Words of not automatic that nothing but a mode is called: remote output, and initialisation in manual.
+const NOT_AUTOMATIC_MODES: [&str; 2] = ["rout", "iman"];
 /// Other words of not automatic.
-const NOT_AUTOMATIC: [&str; 14] = [
-    "rout", "oos", "iman", "lo", "off", "false", "track", "trk", "init", "override", "none", "out", "hold",
-    "open",
-];
+const NOT_AUTOMATIC: [&str; 12] =
+    ["oos", "lo", "off", "false", "track", "trk", "init", "override", "none", "out", "hold", "open"];
 /// It says where the set point or the output comes from: `Auto-Local` is automatic, and by itself it is not.
 const LOCAL: &str = "local";
 /// Words of automatic in the name of a bit, beside which manual is its other state.
 const AUTO_IN_NAMES: [&str; 4] = ["auto", "aut", "automatic", "automatik"];
 /// Words in the name of a bit that is set in manual.
 const MANUAL_BITS: [&str; 4] = ["man", "manual", "hand", "manact"];
-/// Those of both kinds that nothing but a mode is called.
-const OF_A_MODE: [&str; 30] = [
-    "auto",
-    "automatic",
-    "aut",
-    "cas",
-    "casc",
-    "cascade",
-    "rcas",
-    "rout",
-    "iman",
-    "man",
-    "manual",
-    "automatik",
-    "automatisch",
-    "manuell",
-    "automático",
-    "automatique",
-    "autom",
-    "automatikbetrieb",
-    "automatyczny",
-    "авт",
-    "автомат",
-    "自动",
-    "自動",
-    "manuale",
-    "manuel",
-    "handbetrieb",
-    "ręczny",
-    "руч",
-    "手动",
-    "手動",
-];
+/// Words of automatic and of manual that something else may be called, too: a switch, a contact, a unit.
+const NOT_MODES_ALONE: [&str; 8] = ["a", "c", "on", "true", "pid", "closed", "hand", "m"];
 
 /// What the words of a mode column mean.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -267,6 +235,12 @@ pub struct Moving {
     pub in_one: bool,
 }
 
+/// Whether nothing but a mode is called so.
+fn is_of_a_mode(part: &str) -> bool {
+    let known = AUTOMATIC.contains(&part) || MANUAL.contains(&part);
+    known && !NOT_MODES_ALONE.contains(&part) || NOT_AUTOMATIC_MODES.contains(&part)
+}
+
 /// Whether a word is automatic; `None` where nobody knows.
 fn usual(word: &str) -> Option<bool> {
     match word {
@@ -283,7 +257,8 @@ fn usual(word: &str) -> Option<bool> {
         return None;
     }
     // `Remote manual` is manual, whatever else it says.
-    let not = parts().any(|part| is(&NOT_AUTOMATIC, part) || part == LOCAL && !automatic);
+    let is_not = |part: &str| is(&NOT_AUTOMATIC, part) || is(&NOT_AUTOMATIC_MODES, part);
+    let not = parts().any(|part| is_not(part) || part == LOCAL && !automatic);
     if manual || not { Some(false) } else { automatic.then_some(true) }
 }
 
@@ -410,6 +385,23 @@ mod tests {
         // Nobody knows which of the two words counts.
         let both = of(&["Auto (manual setpoint)", "Auto (manual setpoint)", "Manual"]);
         assert!(Modes::decide(&both, None, MOVES, "mode").is_err());
+    }
+
+    #[test]
+    fn words_speak_of_a_mode_where_one_of_them_is_called_nothing_else() {
+        for (cells, speaks) in [
+            (["AUTO", "MAN"], true),
+            (["on", "IMan"], true),
+            (["Automatico", "Manuale"], true),
+            (["автоматический", "ручной"], true),
+            (["on", "off"], false),
+            (["closed", "open"], false),
+            (["A", "M"], false),
+            (["MAN", "off"], false),
+            (["AUTO", "back to manual at six"], false),
+        ] {
+            assert_eq!(of(&cells).speak_of_mode(), speaks, "{cells:?}");
+        }
     }
 
     #[test]
