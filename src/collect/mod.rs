@@ -11,8 +11,6 @@ pub mod stub;
 pub mod table;
 
 mod backoff;
-#[cfg(test)]
-mod black_hole;
 mod device;
 mod frozen;
 mod health;
@@ -37,6 +35,13 @@ pub struct Issue {
     pub field: &'static str,
     /// What is wrong and what would be right.
     pub message: String,
+}
+
+impl Issue {
+    /// The same with the tag's name before it.
+    fn of_tag(self, name: &str) -> Self {
+        Self { message: format!("{name}: {}", self.message), ..self }
+    }
 }
 
 /// A tag as `app` hands it over, with what its kind of device wants to know of it.

@@ -2,6 +2,7 @@
 
 use super::time;
 use crate::bounded::{Bounded, HTTP};
+use crate::dial;
 use http_body_util::{BodyExt, Full, Limited};
 use hyper::body::Bytes;
 use hyper::client::conn::http1;
@@ -13,7 +14,6 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite};
-use tokio::net::TcpStream;
 use tokio::task::{JoinSet, spawn_blocking};
 use tokio::time::timeout;
 use tokio_rustls::TlsConnector;
@@ -107,10 +107,8 @@ impl Endpoint {
             request = request.header(name, value);
         }
         let request = request.body(Full::new(Bytes::from(body))).map_err(|error| error.to_string())?;
-        let connected = TcpStream::connect((self.host.as_str(), self.port)).await;
+        let connected = dial::to((self.host.as_str(), self.port)).await;
         let stream = connected.map_err(|error| format!("no connection: {error}"))?;
-        // One small request: waiting for more to send would only delay it.
-        let _ = stream.set_nodelay(true);
         let stream = Bounded::new(stream, HTTP);
         if !self.tls {
             return talk(stream, request).await;

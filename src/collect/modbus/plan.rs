@@ -117,11 +117,7 @@ impl Plan {
                 Some((start, value_type)) if found.is_empty() => {
                     tags.push(ready(config, spec, start, value_type));
                 }
-                _ => issues.extend(
-                    found
-                        .into_iter()
-                        .map(|issue| Issue { message: format!("{}: {}", spec.name, issue.message), ..issue }),
-                ),
+                _ => issues.extend(found.into_iter().map(|issue| issue.of_tag(&spec.name))),
             }
         }
         if !issues.is_empty() {

@@ -4,23 +4,14 @@
 //! back: there the copy would be taken for the answer to the next question, and that one's for the one after, for ever.
 //! So a connection that has said something unasked is lost.
 
+use crate::dial;
 use futures::future::BoxFuture;
-use futures::stream::{FuturesUnordered, StreamExt};
-use std::collections::VecDeque;
 use std::fmt;
 use std::io;
-use std::net::SocketAddr;
 use std::pin::Pin;
 use std::sync::Arc;
 use std::task::{Context, Poll, ready};
-use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
-use tokio::net::{TcpSocket, TcpStream, lookup_host};
-use tokio::time::timeout;
-
-/// A host's next address is tried too when the one before has not answered for so long: far longer than a plant's network
-/// takes, and a small part of any time-out.
-const APART: Duration = Duration::from_millis(100);
 
 /// A stream to a device.
 pub trait Wire: AsyncRead + AsyncWrite + Send + Unpin + fmt::Debug {}
@@ -37,53 +28,8 @@ pub type Dial = Arc<dyn Fn(&str) -> Dialled + Send + Sync>;
 pub fn sockets() -> Dial {
     Arc::new(|address| {
         let address = address.to_string();
-        Box::pin(async move { Ok(Box::new(connect(&address).await?) as Box<dyn Wire>) })
+        Box::pin(async move { Ok(Box::new(dial::to(&address).await?) as Box<dyn Wire>) })
     })
-}
-
-async fn connect(address: &str) -> io::Result<TcpStream> {
-    let addresses: VecDeque<SocketAddr> = lookup_host(address).await?.collect();
-    first(addresses).await
-}
-
-/// Connects to the first of a host's addresses that answers. How long the caller waits is not known here, so one that never
-/// answers is not waited for alone.
-async fn first(mut addresses: VecDeque<SocketAddr>) -> io::Result<TcpStream> {
-    let several = addresses.len() > 1;
-    let mut last = io::Error::new(io::ErrorKind::NotFound, "the name has no address");
-    let mut under_way = FuturesUnordered::new();
-    loop {
-        match addresses.pop_front() {
-            Some(address) => under_way.push(one(address)),
-            None if under_way.is_empty() => return Err(last),
-            None => {}
-        }
-        let answered = if addresses.is_empty() {
-            under_way.next().await
-        } else {
-            timeout(APART, under_way.next()).await.unwrap_or(None)
-        };
-        match answered {
-            Some((_, Ok(stream))) => return Ok(stream),
-            Some((address, Err(error))) if several => {
-                last = io::Error::new(error.kind(), format!("{address}: {error}"));
-            }
-            Some((_, Err(error))) => last = error,
-            None => {}
-        }
-    }
-}
-
-async fn one(address: SocketAddr) -> (SocketAddr, io::Result<TcpStream>) {
-    (address, open(address).await)
-}
-
-async fn open(address: SocketAddr) -> io::Result<TcpStream> {
-    let socket = if address.is_ipv4() { TcpSocket::new_v4()? } else { TcpSocket::new_v6()? };
-    // A request is one small segment; waiting for more to send would only delay it.
-    socket.set_nodelay(true)?;
-    socket.set_keepalive(true)?;
-    socket.connect(address).await
 }
 
 /// A stream on which a question may only be asked while nothing is there to be read.
@@ -148,25 +94,7 @@ impl AsyncWrite for Asked {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::collect::black_hole::BlackHole;
     use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
-    use tokio::net::TcpListener;
-
-    #[tokio::test]
-    async fn an_address_that_never_answers_leaves_time_for_the_next() {
-        let black_hole = BlackHole::open().await;
-        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-        let alive = listener.local_addr().unwrap();
-        let dialled =
-            timeout(Duration::from_millis(900), first(VecDeque::from([black_hole.address, alive]))).await;
-        assert_eq!(dialled.expect("in time").unwrap().peer_addr().unwrap(), alive);
-        // One that refuses leaves it at once, and is named where there is no other.
-        drop(listener);
-        let error = first(VecDeque::from([alive, alive])).await.expect_err("nobody listens");
-        assert!(error.to_string().starts_with(&format!("{alive}: ")), "{error}");
-        let error = first(VecDeque::from([alive])).await.expect_err("nobody listens");
-        assert!(!error.to_string().contains(&alive.to_string()), "the caller has named it: {error}");
-    }
 
     #[tokio::test]
     async fn what_is_there_before_the_question_is_no_answer() {

@@ -125,10 +125,10 @@ impl Link {
         )
             .into();
         let connecting = async {
-            let endpoints = client.get_server_endpoints_from_url(wire::to(&config.url, limit)?).await?;
+            let endpoints = client.get_server_endpoints_from_url(wire::to(&config.url)?).await?;
             let asked = client.session_builder().with_endpoints(endpoints);
             let asked = asked.connect_to_matching_endpoint(endpoint)?.user_identity_token(token);
-            asked.with_connector(wire::Wire(limit)).build(client.certificate_store().clone())
+            asked.with_connector(wire::Wire).build(client.certificate_store().clone())
         };
         let (session, events) = match timeout(limit, connecting).await {
             Err(_) => return Err(Lost::Timeout(format!("{} does not list its endpoints", config.url))),

@@ -95,11 +95,7 @@ impl Plan {
             let found = spec.config.validate(spec.role);
             match spec.config.place() {
                 Ok(place) if found.is_empty() => tags.push(ready(config, spec, place)),
-                _ => issues.extend(
-                    found
-                        .into_iter()
-                        .map(|issue| Issue { message: format!("{}: {}", spec.name, issue.message), ..issue }),
-                ),
+                _ => issues.extend(found.into_iter().map(|issue| issue.of_tag(&spec.name))),
             }
         }
         if issues.is_empty() { Ok(Self { device, config: config.clone(), tags }) } else { Err(issues) }

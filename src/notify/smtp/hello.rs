@@ -6,6 +6,7 @@
 use super::super::http;
 use super::config::{Config, Security};
 use crate::bounded::{Bounded, SMTP};
+use crate::dial;
 use lettre::transport::smtp::Error;
 use lettre::transport::smtp::authentication::{Credentials, DEFAULT_MECHANISMS};
 use lettre::transport::smtp::client::{AsyncSmtpConnection, AsyncTokioStream, TlsParameters};
@@ -16,7 +17,6 @@ use std::net::SocketAddr;
 use std::pin::Pin;
 use std::task::{Context, Poll};
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
-use tokio::net::TcpStream;
 use tokio::task::spawn_blocking;
 
 /// What the library writes first, and what is sent for it: of one length, so that no count has to be kept.
@@ -67,7 +67,7 @@ impl Server {
     async fn stream(&self, helo: bool) -> Result<Box<dyn AsyncTokioStream>, Unsent> {
         let none = |why: &dyn fmt::Display| Unsent::Connect(why.to_string());
         let (host, port) = self.config.host_and_port().map_err(|why| none(&why))?;
-        let connected = TcpStream::connect((host.as_str(), port)).await;
+        let connected = dial::to((host.as_str(), port)).await;
         let stream = connected.map_err(|error| none(&format!("no connection: {error}")))?;
         let peer = stream.peer_addr().map_err(|error| none(&error))?;
         let stream = Bounded::new(stream, SMTP);
