@@ -119,6 +119,15 @@ fn missing_samples_are_told_as_they_are() {
     assert_eq!(code, "gaps");
     // Of the 1,130 rows from the first PV on 770 are missing.
     assert!(words.starts_with("gaps: 68 % of the samples"), "{words}");
+    // As a historian writes two tags that it reads by turns: no row has both.
+    let wave = |k: usize, late: f64| (0.2 * k as f64 - late).sin() + 0.1 * (1.7 * k as f64).cos();
+    let by_turns = rows(1200, |k| match (k / 7).is_multiple_of(2) {
+        true => format!("{k},{},", wave(k, 0.0)),
+        false => format!("{k},,{}", wave(k, 0.9)),
+    });
+    let (code, words) = reason("by_turns.csv", by_turns);
+    assert_eq!(code, "read_apart");
+    assert!(words.contains("read both in one request"), "{words}");
     // Values that are all bad have stamps all the same.
     let bad = rows(600, |k| format!("{k},{},{}", k % 50, if k == 300 { "1" } else { "Bad" }));
     let (code, words) = reason("all_bad.csv", bad);

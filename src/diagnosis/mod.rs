@@ -31,6 +31,9 @@ use crate::signal::Window;
 use rivals::Rival;
 use std::fmt;
 
+/// Largest share of the rows that may be read apart in a record that says no: with one in four the others still decide.
+const MOST_READ_APART: f64 = 0.25;
+
 /// Thresholds and sizes of a diagnosis; the defaults are what every published result uses.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
@@ -82,6 +85,11 @@ pub enum NotIdentifiable {
         /// Share missing (0..1).
         share: f64,
     },
+    /// OP and PV are not read together: the controller acts between the two, and no stem can be told beside that.
+    ReadApart {
+        /// Share of the rows that are no reading of both (0..1).
+        share: f64,
+    },
     /// OP does not move.
     FlatOp,
     /// PV does not move.
@@ -129,10 +137,11 @@ pub enum NotIdentifiable {
 
 impl NotIdentifiable {
     /// Every [`NotIdentifiable::code`].
-    pub const CODES: [&str; 15] = [
+    pub const CODES: [&str; 16] = [
         "too_short",
         "no_time_base",
         "gaps",
+        "read_apart",
         "flat_op",
         "flat_pv",
         "saturated",
@@ -153,6 +162,7 @@ impl NotIdentifiable {
             Self::TooShort { .. } => "too_short",
             Self::NoTimeBase => "no_time_base",
             Self::Gaps { .. } => "gaps",
+            Self::ReadApart { .. } => "read_apart",
             Self::FlatOp => "flat_op",
             Self::FlatPv => "flat_pv",
             Self::Saturated { .. } => "saturated",
@@ -181,6 +191,12 @@ impl fmt::Display for NotIdentifiable {
                     "gaps: {share:.0} % of the samples are missing or bad, and too few are left together"
                 )
             }
+            Self::ReadApart { share } => write!(
+                out,
+                "read apart: OP and PV are not read at the same time in {:.0} % of the rows, and the controller acts in between: read both \
+                 in one request",
+                share * 100.0
+            ),
             Self::FlatOp => write!(out, "flat OP: the controller output does not move"),
             Self::FlatPv => write!(out, "flat PV: the process variable does not move"),
             Self::Saturated { share } => {
@@ -280,6 +296,8 @@ pub struct Preparation {
     pub missing: f64,
     /// Worst time between an OP sample and the PV sample it is paired with (s).
     pub worst_skew: f64,
+    /// Share of the gated record's rows with OP and PV that are no reading of both at one time (0..1).
+    pub read_apart: f64,
     /// Samples dropped because their stamp repeats an earlier one.
     pub duplicates: usize,
     /// Samples that arrived out of order and were sorted in.
@@ -296,6 +314,15 @@ pub struct Preparation {
     pub f_threshold: f64,
     /// How the record was acquired; `None` where its stamps do not say.
     pub acquisition: Option<Box<Acquisition>>,
+}
+
+impl Preparation {
+    /// Why the record cannot say that a valve does not stick, nor how much it may: OP and PV of too many rows were read apart. What
+    /// the controller did in between explains PV without any stem, so that a bound from such rows is too low.
+    pub fn apart(&self) -> Option<NotIdentifiable> {
+        let share = self.read_apart;
+        (share > MOST_READ_APART).then_some(NotIdentifiable::ReadApart { share })
+    }
 }
 
 /// What the denoising stage did.

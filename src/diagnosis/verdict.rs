@@ -2,7 +2,7 @@
 //!
 //! *stiction*: f above the threshold **and** `delta_aic` above its own **and** a gain shared by the record **and** 0 outside the
 //! interval of f.
-//! *no stiction*: the loop was excited, PV answers OP, and one of these four does not hold.
+//! *no stiction*: the loop was excited, PV answers OP, both were read together, and one of these four does not hold.
 //! *not identifiable*: anything else.
 
 use super::evidence::{Evidence, STEADY, interval, weigh};
@@ -19,15 +19,17 @@ use super::{
 };
 use super::{armax, gate, validation};
 use crate::signal::{Record, Row, Window, span_at_least, told};
-use crate::sysid::stats::{mean, normalised, range, sd};
+use crate::sysid::stats::{mean, median, normalised, quantile, range, sd};
 
-/// Fewest large extrema of OP in the window.
+/// Fewest large extrema of OP in the window: those of two periods.
 const LEAST_EXTREMA: usize = 4;
-/// Fewest samples that may be left to count after the friction element's start.
+/// Fewest samples that may be left to count after the friction element's start: fifteen for each of eight coefficients.
 const LEAST_ROWS: usize = 120;
-/// Loss relative to var(PV) below which PV is taken as fully explained.
+/// Loss relative to var(PV) below which PV is taken as fully explained: without noise it is, with OP or without.
 const EXPLAINED: f64 = 1e-6;
-/// Values of Srinivasan's d tried.
+/// The quantile of OP's steps that is fast, as tracing has it where scans are not seen.
+const FAST: f64 = 0.95;
+/// Values of Srinivasan's d tried: it is for comparison only.
 const D_GRID: usize = 60;
 
 /// Diagnoses one loop's record. Never panics on any input; what cannot be judged is a verdict, not an error.
@@ -128,7 +130,7 @@ fn judge(record: &Record, settings: &Settings) -> Diagnosis {
     let sticking = weighed.filter(|_| verdict == Verdict::Stiction).map(|found| found.0);
     let chosen = sticking.unwrap_or(sound);
     let bounds = match (sticking, weighed) {
-        (Some(sticky), _) => interval(problem, &cells, &sticky),
+        (Some(sticky), _) => within(problem, &preparation, &cells, &sticky),
         (None, weighed) => hidden(problem, &cells, &sound, weighed.map(|found| found.0)),
     };
     let (low, high) = range(&window.op);
@@ -172,7 +174,7 @@ fn verdict_of(
         sticky.f * found.scale.u > found.preparation.f_threshold
             && evidence.delta_aic > settings.evidence_threshold
             && evidence.steadiness > STEADY
-            && interval(&found.problem, cells, sticky)[0] > 0.0
+            && within(&found.problem, &found.preparation, cells, sticky)[0] > 0.0
     };
     if weighed.is_some_and(believed) {
         return Verdict::Stiction;
@@ -181,8 +183,20 @@ fn verdict_of(
         // A valve that a term moves at once leaves OP and PV nothing to show.
         _ if found.preparation.compensated > 0.0 => Verdict::NotIdentifiable(NotIdentifiable::Compensated),
         Some(reason) => Verdict::NotIdentifiable(reason),
-        None => Verdict::NoStiction,
+        None => found.preparation.apart().map_or(Verdict::NoStiction, Verdict::NotIdentifiable),
     }
+}
+
+/// The interval of f. Where OP and PV were read apart, OP at the time of PV is as far from what was read as it moves from one row
+/// to the next where it moves fast.
+fn within(p: &Problem, preparation: &Preparation, cells: &[CellPoint], sticky: &Refined) -> [f64; 2] {
+    let [low, high] = interval(p, cells, sticky);
+    if preparation.apart().is_none() {
+        return [low, high];
+    }
+    let steps: Vec<f64> = p.u.windows(2).map(|w| (w[1] - w[0]).abs()).collect();
+    let more = quantile(&steps, FAST) - median(&steps);
+    [(low - more).max(0.0), high + more]
 }
 
 /// The interval that goes with f = 0: up to what the record could have hidden.

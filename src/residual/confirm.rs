@@ -29,7 +29,7 @@ use super::posterior::{class, log_prior};
 use super::report::{lasts, report, scaled};
 use super::response::evidence;
 use super::screening::Screen;
-use super::trace::{Outcome, iddata_beside, slip_jump};
+use super::trace::{Outcome, friction, iddata_beside, slip_jump};
 use super::valve_search::{Effort, Found, search};
 use super::{Settings, settings_of, window};
 use crate::diagnosis::confirmed::{Known, confirmed};
@@ -119,7 +119,10 @@ fn standing(prepared: &Prepared, last: &Structure) -> Diagnosis {
     let (verdict, reason) = match last.valve.is_none().then(asked).flatten() {
         None if last.valve.is_some() => (Verdict::Stiction, String::new()),
         Some(why) => (Verdict::NotIdentifiable(why.clone()), why.to_string()),
-        None => (Verdict::NoStiction, String::new()),
+        None => match prepared.preparation.apart() {
+            Some(why) => (Verdict::NotIdentifiable(why.clone()), why.to_string()),
+            None => (Verdict::NoStiction, String::new()),
+        },
     };
     let (preparation, window) = (prepared.preparation.clone(), Some(prepared.window.clone()));
     Diagnosis { preparation, window, ..Diagnosis::bare(verdict, reason) }
@@ -238,7 +241,7 @@ fn fitted_beside(
         best: likeliest.clone(),
         facts: facts.to_vec(),
         candidates: Vec::new(),
-        friction: table.log_odds(sticks),
+        friction: friction(&table, &decided),
         slip_jump: slip_jump(&table),
         rejected: Vec::new(),
     }))

@@ -375,7 +375,7 @@ impl Findings {
             Verdict::Stiction | Verdict::NoStiction => true,
             Verdict::NotIdentifiable(why) => {
                 use NotIdentifiable::*;
-                matches!(why, HiddenFriction { .. } | NoResponse | StemNotFollowed)
+                matches!(why, HiddenFriction { .. } | NoResponse | StemNotFollowed | ReadApart { .. })
             }
         }
     }

@@ -120,7 +120,10 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
         best = with_friction(&data, &best.hypothesis, valve, &mut added);
         after = judge(&data, &best, &data);
     }
-    let f_detectable = answer.bound(&data, detectable(&data, &best, settings.evidence_threshold));
+    // What rows that were read apart would have shown nobody knows.
+    let together = diagnosis.preparation.apart().is_none();
+    let shown = together.then(|| detectable(&data, &best, settings.evidence_threshold)).flatten();
+    let f_detectable = answer.bound(&data, shown);
     let (stem, dir) = best.hypothesis.stem(&data);
     let failed = checks::failed(&data, (&stem, &dir), &after.e, 2 * ORDER);
     let undisputed = answer.agrees_with(diagnosis)

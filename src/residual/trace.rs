@@ -271,6 +271,13 @@ fn with_rejected(
     all
 }
 
+/// Logarithm of the odds for friction; minus infinity where no hypothesis with friction was `fitted`, so that nothing was asked.
+/// Where the feedback of all those with friction is positive, friction was asked and is not there.
+pub fn friction(table: &Table<'_>, fitted: &[Fitted]) -> f64 {
+    let sticks = |d: &Fitted| d.hypothesis.valve.is_some();
+    if fitted.iter().any(sticks) { table.log_odds(sticks).max(f64::MIN) } else { f64::NEG_INFINITY }
+}
+
 /// What speaks for a J of its own among the hypotheses with friction; held-out samples are not asked, because they hardly tell
 /// one J from another.
 pub fn slip_jump(table: &Table<'_>) -> Evidence {
@@ -302,18 +309,13 @@ fn select(
         let next = table.best(kind).filter(|_| addable);
         let none = table.best(None)?;
         let Some(next) = next else {
-            let sticks = |d: &Fitted| d.hypothesis.valve.is_some();
             // What held-out samples have withdrawn says nothing of the valve either.
             let left = table.without(&rejected.iter().map(|own| own.0).collect::<Vec<_>>());
             return Some(Selected {
                 best: none.clone(),
                 added,
                 candidates: kinds.into_iter().filter(|own| !was_rejected(own.0)).collect(),
-                friction: match fitted.iter().any(sticks) {
-                    // Where the feedback of all is positive friction is asked, and is not there.
-                    true => left.log_odds(sticks).max(f64::MIN),
-                    false => f64::NEG_INFINITY,
-                },
+                friction: friction(&left, &fitted),
                 slip_jump: slip_jump(&left),
             });
         };
@@ -363,6 +365,21 @@ fn select_either(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sysid::armax::Armax;
+
+    #[test]
+    fn friction_whose_feedback_is_positive_was_asked_and_is_not_there() {
+        let of = |valve: Option<ValveModel>, score: f64| Fitted {
+            hypothesis: Hypothesis { valve, effects: Vec::new() },
+            model: Armax::default(),
+            score,
+        };
+        let (none, valve) = (of(None, 3.0), Some(ValveModel::one_parameter(1.0)));
+        let odds = |fitted: &[Fitted]| friction(&table(fitted, &Hypothesis::default()), fitted);
+        assert_eq!(odds(&[none.clone(), of(valve, f64::NEG_INFINITY)]), f64::MIN);
+        assert_eq!(odds(std::slice::from_ref(&none)), f64::NEG_INFINITY);
+        assert!((odds(&[none, of(valve, 5.0)]) - 2.0).abs() < 1e-12);
+    }
 
     #[test]
     fn what_is_left_of_the_candidates_shares_what_rejected_ones_leave() {

@@ -74,7 +74,9 @@ impl Question<'_> {
         let unit = data.units.u;
         let evidence = 2.0 * log_odds;
         let f = best.hypothesis.valve.map_or(0.0, |valve| valve.f() * unit);
-        let unseen = diagnosis.preparation.acquisition.as_ref().is_some_and(|found| found.unseen_scans());
+        let apart = diagnosis.preparation.apart();
+        let acquisition = diagnosis.preparation.acquisition.as_ref();
+        let unseen = apart.is_some() || acquisition.is_some_and(|found| found.unseen_scans());
         let within = interval(data, &best.hypothesis, unseen).map(|f| f * unit);
         let sticks = f > settings.f_threshold && evidence > settings.evidence_threshold && within[0] > 0.0;
         let verdict = match &diagnosis.verdict {
@@ -86,7 +88,7 @@ impl Question<'_> {
             _ if has_positive_feedback(data, &best.model) => {
                 Verdict::NotIdentifiable(NotIdentifiable::NoResponse)
             }
-            _ => Verdict::NoStiction,
+            _ => apart.map_or(Verdict::NoStiction, Verdict::NotIdentifiable),
         };
         let sticks = verdict == Verdict::Stiction;
         let friction = Friction {

@@ -217,6 +217,10 @@ fn not_identifiable(code: &str) -> Option<(&'static str, &'static str)> {
         "too_short" => ("there is not enough data yet", " If this lasts, check why samples are missing."),
         "no_time_base" => ("the time stamps give no sampling period", " Check the clock of the source."),
         "gaps" => ("too much of the data is missing or bad", " Check the tags and the connection."),
+        "read_apart" => (
+            "OP and PV are not read at the same time",
+            " Read both in one request, or export both for the same times.",
+        ),
         "flat_op" => {
             ("OP does not move", " Check whether the loop is in manual, and whether this is its OP.")
         }

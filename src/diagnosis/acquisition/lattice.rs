@@ -110,8 +110,34 @@ pub fn of_source(op: &[Sample], pv: &[Sample]) -> Option<Lattice> {
     let of_changes = |series: &[Sample]| series.windows(2).all(|w| w[0].value != w[1].value);
     let thinned = |series: &[Sample]| series.len() as f64 <= ON_CHANGE * both.len() as f64;
     let is_source = of_changes(op) && of_changes(pv) && (thinned(op) || thinned(pv));
-    (is_source && apart(op, &lattice) && apart(pv, &lattice)).then_some(lattice)
+    let polled = in_turns(op, pv, both.len(), &lattice) || [op, pv].iter().any(|tag| in_step(tag, &lattice));
+    (is_source && !polled && apart(op, &lattice) && apart(pv, &lattice)).then_some(lattice)
 }
+
+/// Whether OP and PV have a stamp in common more seldom than chance gives: a controller whose OP and PV change reports both at
+/// one scan, a poll that reads them in turns never does. `stamps`: those of either tag.
+fn in_turns(op: &[Sample], pv: &[Sample], stamps: usize, lattice: &Lattice) -> bool {
+    let ends = [op.first(), pv.first(), op.last(), pv.last()].map(|s| s.map_or(0.0, |s| lattice.row(s.t)));
+    let scans = ends[2].max(ends[3]) - ends[0].min(ends[1]) + 1.0;
+    let by_chance = op.len() as f64 * pv.len() as f64 / scans;
+    let common = (op.len() + pv.len()).saturating_sub(stamps) as f64;
+    common < by_chance - SELDOM * by_chance.sqrt()
+}
+
+/// Whether a tag has samples at every second, third, … scan alone: it was read at that pace, and may have changed in between.
+fn in_step(series: &[Sample], lattice: &Lattice) -> bool {
+    let steps: Vec<i64> =
+        series.windows(2).map(|w| (lattice.row(w[1].t) - lattice.row(w[0].t)).round() as i64).collect();
+    let multiples = |pace: i64| steps.iter().filter(|step| *step % pace == 0).count();
+    (2..=SLOWEST).any(|pace| multiples(pace) as f64 >= IN_STEP * steps.len() as f64)
+}
+
+/// Standard deviations by which common stamps are fewer than by chance, where tags are read in turns.
+const SELDOM: f64 = 3.0;
+/// Largest number of scans from one sample to the next of a tag that is read more slowly than the controller scans.
+const SLOWEST: i64 = 60;
+/// Share of the steps of such a tag that are multiples of its pace: a change comes at any scan.
+const IN_STEP: f64 = 0.95;
 
 /// Largest share of the scans at which a tag has a sample, where only its changes were reported.
 const ON_CHANGE: f64 = 0.95;

@@ -10,6 +10,8 @@ const NEAR_SCAN: f64 = 0.06;
 const OWN_PERIOD: f64 = 0.1;
 /// Own periods for which a slower tag is held.
 const HELD_FOR: f64 = 1.6;
+/// Part of a row's period by which OP and PV of one row are read apart: the controller has most likely acted in between.
+const APART: f64 = 0.25;
 
 /// How a tag's samples become rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -82,6 +84,32 @@ impl Placed {
             Way::Scan(late) => self.on_scans(late, kept, from, n),
             Way::Held(longest) => self.held(longest, kept, from, n),
         }
+    }
+
+    /// The share of the rows with OP and PV (0..1) that are no reading of both at one time: the two were read a quarter of a period or
+    /// more from each other, or PV is one that an earlier row has. 0 on the controller's ticks, where registers are held.
+    ///
+    /// Between the two readings the controller may have acted. Where OP was read later, it answers a PV that is not in the
+    /// record, so that OP seems to cause PV exactly; where it was read earlier, PV answers within the row.
+    pub fn read_apart(&self, op: &[Sample], pv: &[Sample], from: i64, n: usize) -> f64 {
+        if self.of_changes() || matches!(self.pv, Way::Scan(_)) {
+            return 0.0;
+        }
+        let stamps =
+            |kept: &[Sample]| -> Vec<Sample> { kept.iter().map(|s| Sample { value: s.t, ..*s }).collect() };
+        let (op, pv) = (self.op(&stamps(op), from, n), self.pv(&stamps(pv), from, n));
+        let period = self.rows.period;
+        // A PV that is recorded late was read so much before its stamp.
+        let late = self.pv_late as f64 * period;
+        let is_held = matches!(self.pv, Way::Held(_));
+        let apart = |(k, op, pv): (usize, f64, f64)| {
+            let row = self.rows.time(from as f64 + k as f64);
+            (op - pv).abs() >= APART * period || is_held && row - pv > 0.5 * period
+        };
+        let both = op.iter().zip(&pv).enumerate();
+        let both: Vec<bool> =
+            both.filter_map(|(k, (op, pv))| Some(apart((k, (*op)?, (*pv)? - late)))).collect();
+        both.iter().filter(|apart| **apart).count() as f64 / both.len().max(1) as f64
     }
 
     /// The row that a sample at this time belongs to.
@@ -182,5 +210,7 @@ fn way(rows: &Lattice, series: &[Sample]) -> Way {
         (x, y) = (x + cos, y + sin);
     }
     let lag = y.atan2(x) / std::f64::consts::TAU * rows.period;
+    // Between two rows the tag belongs to the earlier one: an OP acts on the PV of the next.
+    let lag = if lag < (1e-6 - 0.5) * rows.period { -lag } else { lag };
     Way::Nearest(if lag.abs() < 1e-6 * rows.period { 0.0 } else { lag })
 }

@@ -138,6 +138,60 @@ fn a_slower_tag_is_held_between_its_samples() {
 }
 
 #[test]
+fn what_is_read_in_turns_is_no_change_that_a_controller_reports() {
+    /// Whether a tag is read at scan k.
+    type IsRead = fn(usize) -> bool;
+    // Steep ramps: no change is small, as where small ones are left out.
+    let tag = |there: IsRead| -> Vec<Sample> {
+        (0..900).filter(|k| there(*k)).map(|k| Sample::good(k as f64, k as f64)).collect()
+    };
+    let readings: [(&str, IsRead, IsRead, f64); 6] = [
+        ("in turns", |k| k.is_multiple_of(2), |k| k % 2 == 1, 1.0),
+        ("three in turns", |k| k.is_multiple_of(3), |k| k % 3 == 1, 1.0),
+        ("second and third", |k| k.is_multiple_of(2), |k| k.is_multiple_of(3), 0.5),
+        ("OP half as often", |k| k.is_multiple_of(2), |_| true, 0.5),
+        ("in blocks", |k| (k / 7).is_multiple_of(2), |k| k / 7 % 2 == 1, 0.0),
+        ("together", |k| k.is_multiple_of(2), |k| k.is_multiple_of(2), 0.0),
+    ];
+    for (name, op, pv, expected) in readings {
+        let (op, pv) = (tag(op), tag(pv));
+        let (found, placed) = recognise(&op, &pv, None, None).expect("stamps give a period");
+        assert!(!found.recovered, "{name}");
+        // Of blocks no row has both.
+        let apart = placed.read_apart(&op, &pv, 0, 280);
+        assert!((apart - expected).abs() < 0.01, "{name}: {apart}");
+    }
+    // Rows that are asked for between the samples have no reading of their own.
+    let (op, pv) = (tag(|_| true), tag(|_| true));
+    let (_, placed) = recognise(&op, &pv, Some(0.5), None).expect("a period is given");
+    assert!((placed.read_apart(&op, &pv, 0, 280) - 0.5).abs() < 0.01);
+    // A tenth of a period hardly leaves the controller time to act.
+    let late: Vec<Sample> = op.iter().map(|s| Sample { t: s.t + 0.1, ..*s }).collect();
+    let (_, placed) = recognise(&late, &pv, None, None).expect("stamps give a period");
+    assert_eq!(placed.read_apart(&late, &pv, 0, 280), 0.0);
+}
+
+#[test]
+fn registers_that_are_held_may_be_read_in_turns() {
+    let scans = scans(400, 2.0);
+    let mut record = acquire(&scans, &How::Polled(Poll { phase: 0.2, ..Poll::every(0.5) }), 8);
+    let nth = |series: &mut Vec<Sample>, odd: usize| {
+        let mut k = 0;
+        series.retain(|_| {
+            k += 1;
+            k % 2 == odd
+        });
+    };
+    nth(&mut record.op, 1);
+    nth(&mut record.pv, 0);
+    let (found, placed) = recognise(&record.op, &record.pv, None, None).expect("stamps give a period");
+    assert!(found.recovered);
+    let from = placed.row_of(record.pv[0].t) as i64;
+    let rows = [placed.op(&record.op, from, 390), placed.pv(&record.pv, from, 390)];
+    assert_eq!((in_step(&scans, &rows), placed.read_apart(&record.op, &record.pv, from, 390)), (1.0, 0.0));
+}
+
+#[test]
 fn the_sentence_is_said_where_it_matters() {
     let twice = Acquisition {
         scan_s: Some(2.0),

@@ -22,9 +22,9 @@ use stretches::{automatic, intersect, runs};
 
 /// Most rows for each sample there is; more would be invented.
 const MOST_POINTS: usize = 20;
-/// Rows that a slope of OP beside a hole is taken from.
+/// Rows that a slope of OP beside a hole is taken from: an error of the first or the last moves it by a quarter of itself.
 const SLOPE: usize = 5;
-/// Missing share from which a record that is too short is one with gaps.
+/// Missing share from which a record that is too short is one with gaps: fewer samples would hardly make it long enough.
 const FEW_MISSING: f64 = 0.01;
 
 /// What the gate passes on, or why it does not; the preparation is told either way.
@@ -64,7 +64,11 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
         Err(reason) => return stop(reason, &preparation),
     };
     let Some(&(from, to)) = stretches.iter().rev().max_by(|a, b| (a.1 - a.0).total_cmp(&(b.1 - b.0))) else {
-        return stop(NotIdentifiable::Gaps { share: 1.0 }, &preparation);
+        let share = 1.0;
+        let by_mode = record.mode.is_some();
+        let reason =
+            if by_mode { NotIdentifiable::Gaps { share } } else { NotIdentifiable::ReadApart { share } };
+        return stop(reason, &preparation);
     };
     let rows = placed.row_of(to) - placed.row_of(from) + 1.0;
     let most = (MOST_POINTS * (op.kept.len() + pv.kept.len())) as f64;
@@ -76,7 +80,9 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
     placed.pv_late = rows_late(record, &placed, there, first, rows);
     let pv_late_s = placed.pv_late as f64 * ts;
     preparation.acquisition = Some(Box::new(Acquisition { pv_late_s, ..acquired }));
-    let window = fill(record, &placed, there, first, rows);
+    preparation.read_apart = placed.read_apart(there.0, there.1, first, rows);
+    let turns = in_turns(&placed, there, first, rows).map(|share| NotIdentifiable::ReadApart { share });
+    let mut window = fill(record, &placed, there, first, rows);
     let n = window.len();
     preparation.gap_share = window.missing();
     if n < need {
@@ -84,15 +90,29 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
         let gaps = share > FEW_MISSING;
         let reason =
             if gaps { NotIdentifiable::Gaps { share } } else { NotIdentifiable::TooShort { n, need } };
-        return stop(reason, &preparation);
+        return stop(turns.unwrap_or(reason), &preparation);
     }
     preparation.worst_skew = worst_skew(&op.kept, &pv.kept, from, to);
-    let mut window = window;
     describe(&window, &mut preparation);
     match refuse(&mut window, record, settings, &preparation) {
+        Some(NotIdentifiable::Gaps { share }) => {
+            Err(Box::new((turns.unwrap_or(NotIdentifiable::Gaps { share }), preparation)))
+        }
         Some(reason) => Err(Box::new((reason, preparation))),
         None => Ok((window, preparation)),
     }
+}
+
+/// The share of the rows with a sample that have one of the two tags alone, where OP and PV were read in turns: each is missing
+/// where the other is there, in more rows than have both.
+fn in_turns(placed: &Placed, (op, pv): (&[Sample], &[Sample]), from: i64, n: usize) -> Option<f64> {
+    let (op, pv) = (placed.op(op, from, n), placed.pv(pv, from, n));
+    let count = |wanted: (bool, bool)| {
+        op.iter().zip(&pv).filter(|(op, pv)| (op.is_some(), pv.is_some()) == wanted).count()
+    };
+    let (both, op_alone, pv_alone) = (count((true, true)), count((true, false)), count((false, true)));
+    let alone = op_alone + pv_alone;
+    (op_alone.min(pv_alone) > both).then(|| alone as f64 / (alone + both) as f64)
 }
 
 /// The samples from one time to another.

@@ -4,7 +4,7 @@ use crate::signal::Sample;
 
 /// A hole of more than this many sample periods ends a stretch: what the stem did meanwhile nobody knows.
 const LONGEST_HOLE: f64 = 60.0;
-/// A mode that cannot be read is the last known one for so many sample periods.
+/// A mode that cannot be read is the last known one for so many sample periods: a few lost polls are no change of mode.
 const MODE_LOST: f64 = 6.0;
 
 /// Stretches `[from, to]` of samples without a long hole (s).

@@ -74,6 +74,32 @@ fn holes_are_masked_and_too_few_rows_are_refused() {
 }
 
 #[test]
+fn tags_that_are_read_apart_are_told() {
+    let in_blocks = |of: f64| {
+        let mut record = wave(600, 1.0);
+        let is_even = |s: &Sample| (s.t / of).floor() % 2.0 == 0.0;
+        record.op.retain(is_even);
+        record.pv.retain(|s| !is_even(s));
+        record
+    };
+    // No row has both, and beyond the longest hole no stretch has.
+    for of in [3.0, 7.0, 100.0] {
+        assert_eq!(reason(&in_blocks(of)), NotIdentifiable::ReadApart { share: 1.0 }, "{of}");
+    }
+    // Of rows with either one, those with both are the fewer.
+    let joined = |before: Vec<Sample>, then: Vec<Sample>| -> Vec<Sample> {
+        before.into_iter().chain(then.into_iter().filter(|s| s.t >= 100.0)).collect()
+    };
+    let (both, apart) = (wave(100, 1.0), in_blocks(7.0));
+    let record = Record { op: joined(both.op, apart.op), pv: joined(both.pv, apart.pv), ..Record::default() };
+    assert!(matches!(reason(&record), NotIdentifiable::ReadApart { share } if (0.8..0.9).contains(&share)));
+    let (_, p) = gate(&in_blocks(1.0), &Settings::default()).expect("each row has both, read apart");
+    assert_eq!((p.read_apart, p.apart()), (1.0, Some(NotIdentifiable::ReadApart { share: 1.0 })));
+    let (_, p) = gate(&wave(600, 1.0), &Settings::default()).expect("passes");
+    assert_eq!((p.read_apart, p.apart()), (0.0, None));
+}
+
+#[test]
 fn a_long_hole_leaves_the_longer_side() {
     let mut record = wave(800, 1.0);
     record.op.drain(300..400);

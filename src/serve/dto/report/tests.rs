@@ -25,6 +25,7 @@ fn sticky(op: Vec<f64>) -> Diagnosis {
                 pv_late_s: 0.0,
             })),
             worst_skew: 0.0,
+            read_apart: 0.0,
             duplicates: 0,
             out_of_order: 0,
             decimation: 1,
