@@ -27,6 +27,9 @@ use series::Values;
 use settling::Settling;
 use travel::Travel;
 
+/// Dead time of the Harris index (samples): nobody tells that of the process, so a loop is compared with itself over time.
+const DEAD: usize = 1;
+
 /// What is known of a loop beside its window.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Known<'a> {
@@ -34,8 +37,6 @@ pub struct Known<'a> {
     pub mode: Option<&'a [f64]>,
     /// The controller's output limits (OP unit).
     pub op_limits: Option<(f64, f64)>,
-    /// Dead time of the process (s).
-    pub dead_time_s: Option<f64>,
     /// Step of PV as it was measured (PV unit; 0 for none), where the window does not have its samples.
     pub step: Option<f64>,
     /// At how many samples, from the first on, the set point is known; none where it is at all of them.
@@ -59,7 +60,7 @@ pub struct Indicators {
     pub at_limits: Option<f64>,
     /// The error.
     pub error: Option<LoopError>,
-    /// The Harris index; that of one sample's dead time where none is known.
+    /// The Harris index of one sample's dead time.
     pub harris: Option<Harris>,
     /// Oscillations of the error, the largest first.
     pub oscillations: Vec<Oscillation>,
@@ -116,7 +117,6 @@ pub fn indicators(window: &Window, known: &Known<'_>, transforms: &mut Transform
     let sp = window.sp.as_deref().filter(|sp| sp.len() == window.pv.len());
     let there = error::known_samples(&window.pv, sp, known.sp_known);
     let e = error::known_errors(&window.pv, sp, known.sp_known);
-    let dead = known.dead_time_s.map_or(1, |dead| 1 + (dead / window.ts).round().clamp(0.0, 1e6) as usize);
     let oscillations = oscillation::oscillations(&e, window.ts, transforms);
     let moved = window.mv.as_deref().unwrap_or(&window.op);
     let is_missing = |k: usize| window.row(k) == Row::Missing;
@@ -126,7 +126,7 @@ pub fn indicators(window: &Window, known: &Known<'_>, transforms: &mut Transform
         service_factor,
         at_limits: known.op_limits.and_then(|limits| service::at_limits(&window.op, limits)),
         error: error::measure(&e, window.ts),
-        harris: harris::harris(&e, dead),
+        harris: harris::harris(&e, DEAD),
         oscillations,
         swing: oscillation::can_tell(&e).then_some(swinging.clamp(0.0, 1.0)),
         settling: sp.and_then(|sp| settling::settling(&window.pv[..there], &sp[..there], window.ts)),
@@ -140,7 +140,6 @@ pub fn indicators(window: &Window, known: &Known<'_>, transforms: &mut Transform
         found.service_factor.map(|share| 1.0 - share),
         found.at_limits,
         found.swing,
-        found.harris.filter(|_| known.dead_time_s.is_some()).map(|harris| 1.0 - harris.index),
         found.stuck,
     ]);
     found
@@ -237,22 +236,5 @@ mod tests {
         let thinned = of(&known);
         assert!(found.stuck.is_some());
         assert_eq!((thinned.travel, thinned.stuck), (travel, None));
-    }
-
-    #[test]
-    fn the_harris_index_counts_where_the_dead_time_is_known() {
-        // A pseudorandom sum over twenty samples: minimum variance behind twenty samples of dead time.
-        let noise = |k: usize| ((k * k) as f64 * 0.7).sin();
-        let pv: Vec<f64> = (0..4000).map(|k| (k..k + 20).map(noise).sum()).collect();
-        let window = Window { ts: 1.0, op: pv.clone(), pv, ..Window::default() };
-        let mut transforms = Transforms::new();
-        let mut score = |dead_time_s| {
-            let found = indicators(&window, &Known { dead_time_s, ..Known::default() }, &mut transforms);
-            assert!(found.harris.is_some());
-            found.score.expect("it is known how much it swings")
-        };
-        // Of a sample's dead time nearly all of the variance could be gone.
-        let (unknown, short) = (score(None), score(Some(0.0)));
-        assert!(unknown > short, "{unknown} {short}");
     }
 }

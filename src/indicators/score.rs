@@ -6,20 +6,20 @@
 //!
 //! | i | b_i, 0 (good) to 1 (bad) | w_i |
 //! |---|---|---|
-//! | service | 1 - service factor | 0.25 |
-//! | limits | share of the time at a limit | 0.15 |
-//! | oscillation | share of the error's variance in regular oscillations | 0.30 |
-//! | variance | 1 - Harris index, where the dead time is known | 0.20 |
-//! | stuck | share of the time in which PV stands still while OP moves | 0.10 |
+//! | service | 1 - service factor | 5/16 |
+//! | limits | share of the time at a limit | 3/16 |
+//! | oscillation | share of the error's variance in regular oscillations | 6/16 |
+//! | stuck | share of the time in which PV stands still while OP moves | 2/16 |
 //!
-//! The weights are a convention: what a loop in manual costs is worth as much as what an oscillation of a quarter of the
-//! variance more does. Who has prices sorts by those instead.
+//! The weights are a convention: an oscillation that is all of the variance costs a little more than a loop in manual. Who has
+//! prices sorts by those instead. The Harris index does not count: without the dead time of the process it says nothing of how
+//! one loop compares with another.
 
-/// Weights of service, limits, oscillation, variance and stuck.
-pub const WEIGHTS: [f64; 5] = [0.25, 0.15, 0.30, 0.20, 0.10];
+/// Weights of service, limits, oscillation and stuck.
+pub const WEIGHTS: [f64; 4] = [0.3125, 0.1875, 0.375, 0.125];
 
 /// What is bad about a loop (0..1 each); none where it is not known, in the order of [`WEIGHTS`].
-pub type Bad = [Option<f64>; 5];
+pub type Bad = [Option<f64>; 4];
 
 /// The score (0..100); none where nothing is known.
 pub fn score(bad: &Bad) -> Option<f64> {
@@ -37,9 +37,9 @@ mod tests {
     #[test]
     fn by_hand() {
         assert!((WEIGHTS.iter().sum::<f64>() - 1.0).abs() < 1e-12);
-        assert_eq!(score(&[Some(0.0); 5]), Some(100.0));
-        assert_eq!(score(&[Some(1.0), None, None, None, Some(0.0)]), Some(100.0 * (1.0 - 0.25 / 0.35)));
-        assert_eq!(score(&[None; 5]), None);
-        assert_eq!(score(&[Some(f64::NAN), None, Some(0.5), None, None]), Some(50.0));
+        assert_eq!(score(&[Some(0.0); 4]), Some(100.0));
+        assert_eq!(score(&[Some(1.0), None, None, Some(0.0)]), Some(100.0 * (1.0 - 5.0 / 7.0)));
+        assert_eq!(score(&[None; 4]), None);
+        assert_eq!(score(&[Some(f64::NAN), None, Some(0.5), None]), Some(50.0));
     }
 }

@@ -46,8 +46,6 @@ pub struct PlantLoop {
     pub silent_s: f64,
     /// The controller's output limits (OP unit), where known.
     pub op_limits: Option<(f64, f64)>,
-    /// Dead time of its process (s), where known: the Harris index rests on it.
-    pub dead_time_s: Option<f64>,
     /// What thinning took from PV, where the window is thinned.
     pub raw: Option<Raw>,
     /// What the valve did from row to row, by the samples themselves, where the window is thinned.
@@ -190,7 +188,6 @@ fn health(of: &PlantLoop, transforms: &mut Transforms) -> Indicators {
     let known = Known {
         mode: of.mode.as_deref(),
         op_limits: of.op_limits,
-        dead_time_s: of.dead_time_s,
         step: of.raw.map(|raw| raw.step),
         sp_known: of.sp_known,
         silent_s: of.silent_s,
@@ -285,15 +282,6 @@ mod tests {
         };
         // 26 % of the variance, and 8 %.
         assert_eq!((groups(0.6), groups(0.3)), (vec![2], vec![]));
-    }
-
-    #[test]
-    fn the_dead_time_that_is_known_is_counted_in_the_score() {
-        let mut plant = vec![swinging(1, |t| (0.2 * t).sin())];
-        let score = |plant: &Vec<PlantLoop>| analyse(plant).loops[0].indicators.score;
-        let unknown = score(&plant);
-        plant[0].dead_time_s = Some(0.0);
-        assert!(unknown.is_some() && score(&plant) != unknown);
     }
 
     #[test]

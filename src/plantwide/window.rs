@@ -359,7 +359,7 @@ pub fn tail(of: &PlantLoop, length_s: f64) -> PlantLoop {
         ..Window::default()
     };
     let (name, mode) = (of.name.clone(), of.mode.as_ref().map(last));
-    let (op_limits, dead_time_s, raw, silent_s) = (of.op_limits, of.dead_time_s, of.raw, of.silent_s);
+    let (op_limits, raw, silent_s) = (of.op_limits, of.raw, of.silent_s);
     let sp_known = of.sp_known.map(|known| known.saturating_sub(from));
     let (work, blurred) = (of.work.as_ref().map(|work| work.tail(from)), of.blurred);
     PlantLoop {
@@ -369,7 +369,6 @@ pub fn tail(of: &PlantLoop, length_s: f64) -> PlantLoop {
         sp_known,
         silent_s,
         op_limits,
-        dead_time_s,
         raw,
         work,
         blurred,
