@@ -1,6 +1,8 @@
 //! What the documents say, held against the program: keys and defaults of the configuration, excerpts that must load,
 //! the routes of the API, the constants of the method, the metrics in alert rules, and links that lead somewhere.
 
+#[path = "docs/constants.rs"]
+mod constants;
 #[path = "docs/tables.rs"]
 mod tables;
 
@@ -336,16 +338,6 @@ fn every_attempt_in_the_security_document_is_a_test() {
     assert_eq!(named, known);
 }
 
-/// `NAME` in a file of the diagnosis, as its source writes the value.
-fn constant(file: &str, name: &str) -> Option<String> {
-    let text = read(&format!("src/diagnosis/{file}"));
-    let line = text
-        .lines()
-        .find(|line| line.trim_start().trim_start_matches("pub ").starts_with(&format!("const {name}:")))?;
-    let value = line.split_once(" = ")?.1.trim_end_matches(';');
-    Some(value.to_string())
-}
-
 #[test]
 fn the_commissioning_guide_has_a_line_for_every_reason() {
     let source = read("src/diagnosis/mod.rs");
@@ -355,17 +347,6 @@ fn the_commissioning_guide_has_a_line_for_every_reason() {
     let rows = rows("docs/commissioning.md", "5. What to do with `not_identifiable`");
     let told: BTreeSet<String> = rows.iter().map(|row| row[0].trim_matches('`').to_string()).collect();
     assert_eq!(told, codes);
-}
-
-#[test]
-fn the_constants_of_the_method_are_those_of_the_source() {
-    let rows = rows("docs/diagnosis.md", "Constants");
-    for row in &rows {
-        let plain = |cell: &str| cell.trim_matches('`').to_string();
-        let (file, name) = (plain(&row[0]), plain(&row[1]));
-        assert_eq!(constant(&file, &name), Some(plain(&row[2])), "docs/diagnosis.md: {name} in {file}");
-    }
-    assert_eq!(constant("evidence.rs", "NO_SUCH_NAME"), None);
 }
 
 /// The files of a folder's source, its tests left out: path below `src`, and text.
@@ -384,78 +365,18 @@ fn sources(folder: &str) -> Vec<(String, String)> {
     out
 }
 
-/// Name and value of every constant of a text, a value of several lines put on one.
-fn constants(text: &str) -> Vec<(String, String)> {
-    let mut out = Vec::new();
-    let mut lines = text.lines().map(str::trim);
-    while let Some(line) = lines.next() {
-        let line = line.strip_prefix("pub ").unwrap_or(line);
-        let Some((name, _)) = line.strip_prefix("const ").and_then(|rest| rest.split_once(": ")) else {
-            continue;
-        };
-        if !name.chars().all(|c| c.is_ascii_uppercase() || c.is_ascii_digit() || c == '_') {
-            continue;
-        }
-        let mut whole = line.to_string();
-        while !whole.ends_with(';') {
-            whole = format!("{whole} {}", lines.next().expect("a constant ends"));
-        }
-        let (_, value) = whole.split_once(" = ").expect("a constant has a value");
-        out.push((name.to_string(), value.trim_end_matches(';').to_string()));
-    }
-    out
-}
-
-/// Enumerations: what there is, and no number that was chosen.
-const LISTS: &str = "ALL";
-
-#[test]
-fn the_constants_of_the_tracing_are_those_of_the_source() {
-    let mut known = BTreeSet::new();
-    for (file, text) in ["sysid", "residual", "diagnosis/acquisition"].into_iter().flat_map(sources) {
-        let own = constants(&text).into_iter().filter(|(name, _)| name != LISTS);
-        known.extend(own.map(|(name, value)| [file.clone(), name, value]));
-    }
-    let plain = |cell: &&str| cell.trim_matches('`').to_string();
-    let document = read("docs/constants.md");
-    let rows: Vec<Vec<&str>> = document
-        .lines()
-        .filter(|line| line.starts_with("| `"))
-        .map(|line| line.trim_matches('|').trim().split(" | ").map(str::trim).collect())
-        .collect();
-    assert!(rows.iter().all(|row| row.len() == 5 && row[4].len() > 4), "a row without a reason");
-    let told: BTreeSet<[String; 3]> = rows.iter().map(|row| [0, 1, 2].map(|i| plain(&row[i]))).collect();
-    let missing: Vec<_> = known.difference(&told).collect();
-    let gone: Vec<_> = told.difference(&known).collect();
-    assert!(
-        missing.is_empty() && gone.is_empty(),
-        "docs/constants.md lacks {missing:#?}, the source lacks {gone:#?}"
-    );
-    assert_eq!(told.len(), rows.len(), "a constant stands there twice");
-    for row in
-        document.lines().filter(|line| line.starts_with("| ") && line.split(" | ").count() == 3).skip(1)
-    {
-        let cells: Vec<&str> = row.trim_matches('|').trim().split(" | ").map(str::trim).collect();
-        let count = rows.iter().filter(|row| cells[0] == "all" || row[3] == cells[0]).count();
-        assert_eq!(cells[2], count.to_string(), "how many are {}", cells[0]);
-    }
-}
-
-#[test]
-fn a_constant_is_read_as_the_source_writes_it() {
-    let text = "/// What.\npub const A: [usize; 2] = [1, 2];\n    const fn b() {}\nconst C_1: f64 =\n    2.0\n    * PI;\nconst D: [(f64, f64); 1] = [\n    (1.0, 2.0),\n];";
-    let own = |name: &str, value: &str| (name.to_string(), value.to_string());
-    assert_eq!(constants(text), [own("A", "[1, 2]"), own("C_1", "2.0 * PI"), own("D", "[ (1.0, 2.0), ]")]);
-}
-
 /// What each hypothesis costs: its file, rate and alternatives in the source, and both as docs/method.md says them.
 const COSTS: [(&str, [&str; 2], [&str; 2]); 12] = [
     (
         "load/oscillating_load.rs",
-        ["FREQUENCY + 2.0 * REGULAR * self.harmonics.len() as f64", "SETS"],
+        ["FREQUENCY + 2.0 * REGULAR * self.harmonics.len() as f64", "PERIODIC_SHAPES"],
         ["3/2 + 1 for each harmonic", "4"],
     ),
-    ("load/cornered_load.rs", ["FREQUENCY + REGULAR * (ORDER + 4) as f64", "SETS"], ["3/2 + 7 · 1/2", "4"]),
+    (
+        "load/cornered_load.rs",
+        ["FREQUENCY + REGULAR * (ORDER + 4) as f64", "PERIODIC_SHAPES"],
+        ["3/2 + 7 · 1/2", "4"],
+    ),
     (
         "load/measured_disturbance.rs",
         ["TAPS as f64 * REGULAR", "self.alternatives"],

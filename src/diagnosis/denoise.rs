@@ -9,7 +9,7 @@
 
 use crate::sysid::stats::median;
 
-/// db4 decomposition low-pass filter.
+/// Low-pass filter of the db4 wavelet: orthonormal, and with four vanishing moments, so that a smooth OP leaves no details.
 const LOW: [f64; 8] = [
     -0.010_597_401_785_069_032,
     0.032_883_011_666_885_2,
@@ -21,7 +21,7 @@ const LOW: [f64; 8] = [
     0.230_377_813_308_896_5,
 ];
 
-/// Levels of the decomposition that are thresholded.
+/// Levels of the decomposition that are thresholded: up to 32 samples a period; what is slower is the oscillation.
 const LEVELS: usize = 4;
 
 /// Standard deviation of the white noise in `v`, from its finest detail coefficients (unit of v).

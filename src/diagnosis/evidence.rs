@@ -24,11 +24,11 @@ use crate::sysid::stats::{mean, median, sd};
 
 /// 95 % point of the likelihood ratio of a threshold (Hansen, table 1).
 const THRESHOLD_95: f64 = 7.35;
-/// Blocks over which the gain must be shared.
+/// Blocks over which the gain must be shared: errors correlate within one, and ten sums give a standard error.
 const BLOCKS: usize = 10;
-/// Degrees of freedom of the heavy-tailed likelihood behind the steadiness.
+/// Degrees of freedom of the likelihood behind the steadiness: few, so that large errors at a few slips do not decide.
 const TAILS: f64 = 4.0;
-/// Least steadiness (-) of a believed gain.
+/// Least steadiness (-) of a believed gain: one that as many blocks lose as win has about 0.
 pub const STEADY: f64 = 0.5;
 
 /// The evidence for the sticky model against the best explanation without friction.

@@ -13,11 +13,11 @@ use super::armax::{ORDER, Orders, Signals, Theta, Workspace};
 use super::screen::{Candidate, Lags, products, sums};
 use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, substitute};
 
-/// Single real zeros for C of order 1.
+/// Single real zeros for C of order 1: dense near 1, where slow loads put them, and near -1, where ripple does.
 const REAL: [f64; 12] = [0.97, 0.93, 0.85, 0.7, 0.5, 0.25, -0.2, -0.5, -0.7, -0.83, -0.91, -0.96];
-/// Real zeros that are combined with others.
+/// Real zeros that are combined with others: fewer, because the products are many.
 const REAL_TOGETHER: [f64; 6] = [0.96, 0.8, 0.45, -0.2, -0.65, -0.93];
-/// Complex pairs: modulus and angle (rad).
+/// Complex pairs, modulus and angle (rad): dense near the circle at low angles, where oscillating loads put them.
 const PAIRS: [(f64, f64); 18] = [
     (0.94, 0.07),
     (0.94, 0.13),
@@ -72,7 +72,7 @@ struct NoiseModel {
     c: [f64; ORDER],
 }
 
-/// Lags of y' of the longest A, with lag 0.
+/// Room for the lags of y' of the longest A, with lag 0.
 const Y_COLUMNS: usize = ORDER;
 
 impl Explorer {
@@ -141,6 +141,7 @@ impl Explorer {
 
     /// Least squares of y' on its lags, those of z' and a constant.
     fn solve(&self, orders: Orders, rows: usize) -> (Theta, f64) {
+        /// Room for the coefficients of A and B, which C leaves fewer than all.
         const MOST: usize = ORDER;
         let size = self.sums.len();
         let n = orders.na + orders.nb;

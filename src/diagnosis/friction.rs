@@ -152,14 +152,6 @@ mod tests {
     }
 
     #[test]
-    fn the_largest_reversal_ends_the_search() {
-        let u = [0.0, 3.0, 1.0, 4.0, 1.5, 2.0];
-        assert_eq!(largest_reversal(&u, Start { index: 1, is_max: true }), 1.25);
-        assert_eq!(largest_reversal(&u, Start { index: 2, is_max: false }), 1.5);
-        assert_eq!(largest_reversal(&u, Start { index: 9, is_max: true }), 0.0);
-    }
-
-    #[test]
     fn srinivasan_jumps_when_further_than_d() {
         let mut x = [0.0; 6];
         srinivasan(&[0.0, 0.5, 1.0, 1.1, 1.5, -1.0], 1.0, &mut x);

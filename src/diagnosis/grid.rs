@@ -12,39 +12,47 @@ use super::search::{GridPoint, PRECISE, ROUGH, Searcher, race, rescreen};
 
 /// Values of f in the paper's grid.
 pub const GRID: usize = 101;
-/// Every which value is fitted thoroughly whatever its screening says.
+/// Every which value is fitted thoroughly whatever its screening says: how far that overstates the loss changes slowly with f.
 const COARSE: usize = 10;
-/// Further values that are fitted thoroughly, and all that are fitted quickly; structures that start thoroughly.
+/// Values that are fitted thoroughly beside these, the least expected loss first.
 const THOROUGH: usize = 8;
+/// Values that are fitted at all beside these: the others quickly.
 const QUICK: usize = 20;
+/// Structures that start where a value is fitted thoroughly: the best by the screening.
 const STARTS: usize = 8;
 /// Structures that start at the values fitted whatever their screening says: these only tell how far it overstates.
 const COARSE_STARTS: usize = 4;
-/// Structures that start again from the errors of the best.
+/// Structures that start again from the errors of the best: the long ARX ranks some of them too low.
 const AGAIN: usize = 5;
-/// Values that get a second, thorough look next to the least, and how near.
+/// Values next to the least that are looked at a second time: thoroughly, because the least may lie beside it.
 const SECOND_LOOKS: usize = 2;
+/// How near to the least they are (values).
 const REACH: usize = 3;
-/// Distance in N ln V above the best at which a value is expected to be hopeless.
+/// Distance in N ln V above the best at which a value is expected to be hopeless: no fit is expected to make up for it.
 const HOPELESS: f64 = 100.0;
-/// Rounds at such values, where every structure is fitted, and with the errors of the best there.
+/// Rounds where a value is fitted thoroughly.
 const THOROUGH_RACE: [(usize, usize); 1] = [(3, 2)];
+/// Rounds where it is fitted quickly.
 const QUICK_RACE: [(usize, usize); 1] = [(2, 1)];
+/// Rounds where every structure is fitted.
 const EVERY_RACE: [(usize, usize); 2] = [(2, 30), (3, 8)];
+/// Rounds of those that start there from the errors of the best.
 const RESCREEN_RACE: [(usize, usize); 1] = [(2, 3)];
 /// Structures that start at the first such place, of 15 splits with up to 10 delays each, and at the others.
 const EVERY: [usize; 2] = [100, 40];
-/// Structures that start from those errors.
+/// Structures that start there from the errors of the best.
 const RESCREENED: usize = 8;
-/// Places where every structure is fitted at the most, and fits after which there is no other: a bound on the time where no f
-/// is much better than the next.
+/// Places where every structure is fitted, at most: it bounds the time where no f is much better than the next.
 const PLACES: usize = 3;
+/// Fits after which there is no other such place: it bounds the time, too.
 const MOST_FITS: usize = 500;
-/// Models carried along f from such a place, and iterations at each value.
+/// Models of different structure that are carried along f from such a place.
 const CARRIED: usize = 2;
+/// Iterations of each at each value: it begins with the coefficients at the one before.
 const CARRY: usize = 2;
-/// Values in a row that a model is carried on beyond the last where it came near the best, and what near is (N ln V).
+/// Values in a row that a model is carried on while it is far from the best.
 const PATIENCE: usize = 2;
+/// Distance up to which it is near (N ln V).
 const NEAR: f64 = 20.0;
 
 /// What screening one value left.

@@ -9,29 +9,33 @@ use crate::signal::{Role, Sample};
 use crate::sysid::stats::{median, quantile};
 use std::fmt;
 
-/// Fewest samples that say anything.
+/// Fewest samples that say anything: 2 % of them, the most that a hole may hold, are about one.
 const LEAST: usize = 60;
-/// Share of steps in time that differ from their median by more than a quarter, from which stamps are irregular.
+/// Share of steps in time that differ from their median by more than a quarter, from which stamps are irregular: a few lost polls
+/// make fewer.
 const IRREGULAR: f64 = 0.2;
-/// What is smaller than this part of the median counts as near zero.
+/// What is smaller than this part of the median counts as near zero: one normal change in eight is.
 const NEAR_ZERO: f64 = 0.25;
 /// Largest share of changes near zero where a dead band left them out; a density without a hole has 0.13 and more.
 const HOLE: f64 = 0.02;
-/// Share of samples near the line through their neighbours where nothing was left out; an archive's is significantly less.
+/// Share of samples near the line through their neighbours where nothing was left out, that of normal distances; an archive's is
+/// significantly less.
 const USUAL_NEAR: f64 = 0.13;
-/// How significantly, in standard errors.
+/// How significantly, in standard errors: one chance in thirty thousand.
 const SIGNIFICANT: f64 = 4.0;
-/// Largest distance of stamps from multiples of the scan, as a part of it, and the share of them that keeps it.
+/// Largest distance of stamps from multiples of the scan, as a part of it, and the share of them that keeps it: a clock jitters,
+/// and a stamp now and then is late.
 const ON_SCAN: [f64; 2] = [0.12, 0.95];
-/// Least share of samples inside straight lines of a record that was interpolated.
+/// Least share of samples inside straight lines of a record that was interpolated: what was measured is on a line by chance.
 const STRAIGHT: f64 = 0.4;
-/// Fewest such lines.
+/// Fewest such lines, and fewest runs of held values: a few come of a ramp, or of a valve that sticks.
 const LINES: usize = 12;
 /// Least share of the lines' joints at which the direction stays: a triangle turns at each of its own.
 const JOINTS: f64 = 0.2;
-/// Longest run of held values, and longest running mean, that is looked for (samples).
+/// Longest run of held values, and longest running mean, that is looked for (samples): a usual window has few longer ones.
 const LONGEST: usize = 60;
-/// Least share of changes at every k-th sample, and of k-th samples that change, of held values.
+/// Least share of changes at every k-th sample, and of k-th samples that change, of held values: a sample now and then is late,
+/// and a value may come again.
 const IN_STEP: [f64; 2] = [0.97, 0.6];
 /// Shortest running mean that is looked for (samples): below it the differences themselves correlate.
 const SHORTEST_MEAN: usize = 6;
@@ -290,7 +294,7 @@ impl Lines {
 fn printed(values: &[f64]) -> Option<f64> {
     /// Least unit, in parts of the range of the values: a finer one is a computer's.
     const FINEST: f64 = 1e-7;
-    /// How far values may be from whole numbers of units.
+    /// How far values may be from whole numbers of units: what a change of unit leaves of rounding.
     const OFF: f64 = 1e-2;
     let mut sorted = values.to_vec();
     sorted.sort_unstable_by(f64::total_cmp);

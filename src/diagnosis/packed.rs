@@ -10,7 +10,7 @@ use crate::sysid::stats::range;
 use std::borrow::Cow;
 use std::sync::Arc;
 
-/// Codes between the least and the greatest value.
+/// Steps from the least to the greatest value: all codes of two bytes but one.
 const STEPS: u16 = u16::MAX - 1;
 /// The code of what is no number.
 const NO_NUMBER: u16 = u16::MAX;

@@ -6,15 +6,15 @@ use super::{Preparation, Settings, gate};
 use crate::signal::{Row, Window};
 use std::f64::consts::PI;
 
-/// Samples a period that decimation leaves at least.
+/// Samples a period that decimation leaves at least: with fewer, the instants at which the stem slips blur.
 const SAMPLES_PER_PERIOD: f64 = 60.0;
-/// Periods that the window should hold, where the record is long enough.
+/// Periods that the window should hold, where the record is long enough: fewer have few slips to share the evidence.
 const PERIODS: f64 = 7.0;
-/// Most samples fitted, as a multiple of the window asked for.
+/// Most samples fitted, as a multiple of the window asked for: a fit takes as much longer.
 const LONGEST: usize = 4;
-/// Records are cut to their newest samples beyond this.
+/// Records are cut to their newest samples beyond this: it bounds time and memory.
 const MOST_SAMPLES: usize = 200_000;
-/// Half-width of the anti-alias filter in output samples.
+/// Half-width of the anti-alias filter in output samples: a wider one is sharper, and blurs slips over more of them.
 const HALF_WIDTH: usize = 4;
 
 /// Decimates and cuts the window; returns it with its oscillation analysis.

@@ -13,14 +13,14 @@ use super::denoise::{denoise, noise_sd};
 use super::friction::Start;
 use crate::sysid::stats::{mean, median, quantile, sd};
 
-/// Noise sd of OP, as a share of its sd, above which OP is denoised before its extrema are sought.
+/// Noise sd of OP, as a share of its sd, above which OP is denoised before its extrema are sought: less makes no large ones.
 const NOISY: f64 = 0.05;
 /// Least swings of a large extremum tried, as shares of the 5..95 % range of OP: a set-point change or a drift
 /// widens that range beyond the oscillation.
 const LARGE_SWINGS: [f64; 4] = [0.25, 0.12, 0.06, 0.03];
-/// Extrema that settle the choice of the least swing.
+/// Extrema that settle the choice of the least swing: those of six periods.
 const ENOUGH_EXTREMA: usize = 12;
-/// Least swing in noise standard deviations.
+/// Least swing in noise standard deviations: noise alone seldom swings so far.
 const OVER_NOISE: f64 = 4.0;
 
 /// One large extremum of OP.

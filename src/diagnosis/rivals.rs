@@ -17,11 +17,11 @@ use crate::sysid::spectrum;
 use crate::sysid::stats::range;
 use std::f64::consts::TAU;
 
-/// Harmonic counts tried for a periodic load.
+/// Harmonic counts tried for a periodic load: from a sine to one with corners.
 const HARMONICS: [usize; 8] = [1, 2, 3, 5, 8, 14, 24, 40];
-/// Lags to each side of one period in the recurring load.
+/// Lags to each side of one period in the recurring load, whose period drifts.
 const REACH: usize = 3;
-/// Clip levels tried on each side and pass.
+/// Clip levels tried on each side and pass: each pass is finer.
 const LEVELS: usize = 12;
 
 /// One frictionless explanation.
@@ -118,6 +118,7 @@ struct Comb {
 /// Golden section on the frequency, within what the comb's grid leaves open: the comb of a nearly noise-free
 /// record is far sharper than its spectrum.
 fn sharpen(start: Comb, at: &mut impl FnMut((f64, usize)) -> Comb, n: f64) -> Comb {
+    /// Share of the interval that a golden section keeps: `(sqrt 5 - 1)/2`.
     const GOLDEN: f64 = 0.618_033_988_75;
     let w = TAU / start.period;
     let mut at = |w: f64| at((TAU / w, start.harmonics));

@@ -12,7 +12,7 @@ use super::armax::{Fit, ORDER, Orders, Signals, Theta, splits};
 use crate::signal::Row;
 use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, substitute};
 
-/// Lags of y in the long ARX.
+/// Lags of y in the long ARX: more than the longest A has, because they stand for C, too.
 pub const LONG_Y: usize = 8;
 /// Longest delay that can be searched (samples): its columns, and those of a rival, fit into [`MOST_COLUMNS`].
 pub const LONGEST_DELAY: usize = 30;

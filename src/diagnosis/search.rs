@@ -14,32 +14,39 @@ use crate::signal::{Row, Window};
 
 /// Most cells of the paper's element that the profile visits; more are thinned evenly in f.
 const MOST_CELLS: usize = 1000;
-/// Resume thresholds J/S of the extended elements.
+/// Resume thresholds J/S of the extended elements; 0 is the paper's.
 const RESUMES: [f64; 5] = [0.2, 0.4, 0.6, 0.8, 1.0];
-/// Cells of an extended element on the first pass, and around its best.
+/// Cells of an extended element on the first pass, at most.
 const COARSE_CELLS: usize = 80;
+/// Cells around its best on the second pass, at most.
 const FINE_CELLS: usize = 60;
-/// Coarse steps to each side of the best that the fine pass covers.
+/// Coarse steps to each side of the best that the second pass covers.
 const FINE_REACH: f64 = 3.0;
-/// Fewest stem reversals in a window that say anything about f.
+/// Fewest stem reversals in a window that say anything about f: those of two cycles.
 pub const LEAST_REVERSALS: usize = 4;
-/// Structures fitted at each cell of the refinement.
+/// Structures fitted at each cell of the refinement: the best by the screening.
 const FITTED: usize = 12;
-/// Relative decrease of the loss at which a minimisation ends: 0.1 and 0.001 in N ln V of 1,000 samples.
+/// Relative decrease of the loss at which a rough minimisation ends: 0.1 in N ln V of 1,000 samples.
 pub(super) const ROUGH: f64 = 1e-4;
+/// The same of one that decides: 0.001 in N ln V.
 pub(super) const PRECISE: f64 = 1e-6;
 /// Most iterations of a minimisation that is to reach the end.
 pub(super) const FINAL: usize = 40;
 /// Rounds of a race: iterations in it, and how many go on.
 pub(super) type Rounds = [(usize, usize)];
+/// Rounds where a cell is refined.
 const SHORT_RACE: [(usize, usize); 1] = [(2, 4)];
+/// Rounds where one is settled, with every start.
 const LONG_RACE: [(usize, usize); 2] = [(2, 60), (3, 16)];
+/// Rounds of those that start from the best model's errors.
 const RESCREEN_RACE: [(usize, usize); 1] = [(2, 6)];
-/// Structures that start from the best model's errors, and how often the best may change that way.
+/// Structures that start from the best model's errors.
 const RESCREENED: usize = 40;
+/// How often the best may change that way.
 const RESCREENS: usize = 3;
-/// Cells of each pass that the refinement looks at, and those among them that are settled.
+/// Cells of the exact profile that the refinement looks at; of the grid's values half as many.
 const REFINED: usize = 10;
+/// Cells among them that are settled: the best.
 const SETTLED: usize = 2;
 
 /// One window, normalised to zero mean and unit variance, ready for the search.

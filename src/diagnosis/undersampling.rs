@@ -8,13 +8,13 @@ use super::{HistoryFound, HistoryKind, NotIdentifiable};
 use crate::sysid::spectrum;
 use crate::sysid::stats::mean;
 
-/// Samples a period below which nothing is said of a valve.
+/// Samples a period below which nothing is said of a valve: the line may be the mirror image of a faster one.
 const LEAST: f64 = 4.0;
 /// Samples a period below which an oscillation that shows no reversals is called too fast for the samples.
 const FEW: f64 = 10.0;
-/// Share of OP's power that the line has to hold.
+/// Share of OP's power that the line has to hold: most of it.
 const OF_POWER: f64 = 0.5;
-/// Half the width of a line, as a part of its frequency.
+/// Half the width of a line, as a part of its frequency: a period that wanders makes it wide.
 const WIDTH: f64 = 0.03;
 
 /// Samples in one period of the line that holds most of OP's power, where there is one.

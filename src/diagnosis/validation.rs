@@ -10,7 +10,7 @@ use super::search::{Problem, Refined};
 use crate::sysid::least_squares::dot;
 use crate::sysid::whiteness::is_white;
 
-/// Share of the window that the model is fitted on.
+/// Share of the window that the judged model is fitted on; it is judged on the rest.
 pub const FITTED_SHARE: f64 = 0.7;
 
 /// Judges the chosen model; `unit` is the PV unit of a normalised PV.

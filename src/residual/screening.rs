@@ -81,13 +81,13 @@ impl ScoreTest {
         let we = by(&errors, &omega);
         let live = live[..order].to_vec();
         let mut test = Self { errors, omega, weighted, factor: gram, live, we, power: 0.0, count };
-        test.settle();
+        test.project_out_gradient();
         test
     }
 
     /// Takes out of the errors what the gradient still explains: a fit that ends after some iterations leaves a little, and a
     /// column that nearly lies in the gradient would gain from it without end.
-    fn settle(&mut self) {
+    fn project_out_gradient(&mut self) {
         let mut b: Vec<f64> = self.weighted.iter().map(|x| dot(x, &self.errors)).collect();
         self.forward(&mut b);
         let order = b.len();

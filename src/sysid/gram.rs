@@ -11,9 +11,10 @@ use crate::sysid::least_squares::dot;
 use multiversion::multiversion;
 use std::ops::Range;
 
-/// Samples summed side by side for each product, and how often before that is added to what was summed before: one long sum
-/// rounds so much that columns which depend on one another no longer seem to.
+/// Samples summed side by side for each product: the width of a vector register.
 const FOUR: usize = 4;
+/// How often before that is added to what was summed before: one long sum rounds so much that columns which depend on one another
+/// no longer seem to.
 const RUN: usize = 128;
 
 /// Calls `put(i, j, sum a_i[k] b_j[k])` for all of both, of one length.

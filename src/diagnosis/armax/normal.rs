@@ -4,11 +4,15 @@ use super::{Lag, MAX_PARAMETERS, Orders, RHO, Theta};
 use crate::sysid::least_squares::{MOST_COLUMNS, factor, substitute};
 use crate::sysid::zeros::{MARGIN, draw_inside, is_inside, outward, zeros};
 
-/// Signals of a column: y, z, e, the constant, and the derivative by the lag.
+/// Place of y among the signals of a column.
 const Y: usize = 0;
+/// Place of z there.
 const Z: usize = 1;
+/// Place of e there.
 const E: usize = 2;
+/// Place of the constant there, which needs no signal.
 pub(super) const CONSTANT: usize = 3;
+/// Place of the derivative by the lag there.
 const LAG: usize = 4;
 
 type Parameters = [f64; MAX_PARAMETERS];

@@ -12,7 +12,7 @@
 //! Parameters: angular frequency w (rad/sample), rate 3/2; phase (periods), d (-) and `na + 2` coefficients, rate 1/2 each: between
 //! two samples a jump is interpolated, so the likelihood is smooth in its place. Alternatives: with the sets of harmonics. Proposed at the lines at which harmonics gain most.
 
-use super::oscillating_load::{SETS, told_as_load};
+use super::oscillating_load::{PERIODIC_SHAPES, describe_periodic};
 use crate::residual::Kind;
 use crate::residual::effect::EffectModel;
 use crate::residual::report::Described;
@@ -140,7 +140,7 @@ impl EffectModel for Cornered {
         FREQUENCY + REGULAR * (ORDER + 4) as f64
     }
     fn alternatives(&self) -> f64 {
-        SETS
+        PERIODIC_SHAPES
     }
     fn smooth(&self) -> Vec<Smooth> {
         vec![
@@ -169,7 +169,7 @@ impl EffectModel for Cornered {
             (re, im) = (re + load(k) * c, im + load(k) * s);
         }
         let own = 2.0 * f64::hypot(re, im) / n.max(1) as f64;
-        told_as_load(data, model, self.w, own).with("shorter_part", self.rise.min(1.0 - self.rise), "-")
+        describe_periodic(data, model, self.w, own).with("shorter_part", self.rise.min(1.0 - self.rise), "-")
     }
 }
 

@@ -19,7 +19,7 @@ use std::f64::consts::{PI, TAU};
 /// Sets of harmonics: a sine, a load with even ones, a square or triangle.
 const HARMONICS: [&[usize]; 3] = [&[1], &[1, 2, 3], &[1, 3, 5, 7, 9]];
 /// Sets of harmonics, and a load with corners.
-pub const SETS: f64 = HARMONICS.len() as f64 + 1.0;
+pub const PERIODIC_SHAPES: f64 = HARMONICS.len() as f64 + 1.0;
 /// Highest angular frequency of a harmonic (rad/sample).
 const HIGHEST: f64 = 0.9 * PI;
 /// Fewest periods in the fitted rows.
@@ -77,7 +77,7 @@ impl EffectModel for Load {
         FREQUENCY + 2.0 * REGULAR * self.harmonics.len() as f64
     }
     fn alternatives(&self) -> f64 {
-        SETS
+        PERIODIC_SHAPES
     }
     fn smooth(&self) -> Vec<Smooth> {
         let highest = HIGHEST / self.harmonics.iter().copied().max().unwrap_or(1) as f64;
@@ -95,12 +95,12 @@ impl EffectModel for Load {
     }
     fn describe(&self, data: &IdData, model: &Armax, gamma: &[f64]) -> Described {
         let own = gamma.iter().take(2).map(|g| g * g).sum::<f64>().sqrt();
-        told_as_load(data, model, self.w, own).with("harmonics", self.harmonics.len() as f64, "-")
+        describe_periodic(data, model, self.w, own).with("harmonics", self.harmonics.len() as f64, "-")
     }
 }
 
 /// A periodic load in words: `own` is the amplitude of its first harmonic in the equation.
-pub fn told_as_load(data: &IdData, model: &Armax, w: f64, own: f64) -> Described {
+pub fn describe_periodic(data: &IdData, model: &Armax, w: f64, own: f64) -> Described {
     let period = TAU / w * data.units.ts;
     let [pv, op] = of_wave(data, model, w).map(|worth| own * worth);
     Described::new(format!(
