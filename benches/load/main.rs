@@ -1,22 +1,54 @@
-//! A plant of 2,000 loops at 1 Hz for ten minutes of plant time, over Modbus/TCP from a server in another process, through
-//! the real collectors, history, scheduler, diagnosis and API. Prints CPU, memory and what was missed.
+//! A plant of many loops of three tags at 1 Hz, over Modbus/TCP from a server in another process, through the real collectors,
+//! history, store, scheduler, diagnosis and API. Prints what that takes and what was missed.
 //!
-//! `cargo bench --bench load -- [--speed 10] [--loops 2000] [--plant-s 600] [--period-s 300] [--samples 4096] [--parallelism 1]`; with `--speed 1` it takes
-//! ten minutes, with the default one, and the polls come ten times as fast. With `--listeners 200 --rate 50` so many clients
-//! listen to events meanwhile and so many requests a second are made, by a third process, which says how long they took.
+//! `cargo bench --bench load` runs both kinds of loops, one after the other, each with a daemon and a plant of its own, and
+//! prints both as rows of one table. Options stand behind `--`, as in `cargo bench --bench load -- --speed 1`:
+//!
+//! | option | default | |
+//! |---|---|---|
+//! | `--kind` | `both` | `random`: drawn at random, half of them sticking, in records of 1,500 samples that are repeated, so that hardly any loop is identifiable; `excited`: a third cycle, a third stick, a third are at rest |
+//! | `--loops` | 2000 | loops |
+//! | `--speed` | 10 | plant time over time on the wall |
+//! | `--plant-s` | 600 | plant time that a run takes (s) |
+//! | `--period-s` | 300 | plant time between two diagnoses of a loop (s) |
+//! | `--samples` | 4096 | samples that are remembered of each tag; a diagnosis reads all of them |
+//! | `--parallelism` | 1 | diagnoses at the same time |
+//! | `--no-store` | | the daemon keeps nothing |
+//! | `--folder` | `target/tmp` | where the store's folder is made; it is removed at the end |
+//! | `--rate`, `--listeners` | 0, 200 | with a rate, so many requests are made each second by a third process, beside so many clients that listen to events |
+//!
+//! **Measured and scaled.** With `--speed 1` an hour of plant takes an hour and nothing is scaled. With `--speed 10` the plant's
+//! clock goes ten times as fast: polls, commits of the store and diagnoses come ten times as often, and each second of plant time
+//! has as many of them as at 1. Shares of a core are of plant time, so 1,000 loops at 10 load this machine as 10,000 loops at 1 do.
+//! What goes by the wall comes less often for each second of plant time: ticks of alarms, upkeep of the store, memory that is
+//! given back. A diagnosis has less time until the loop is due again. Memory is that of the loops that were run, never scaled.
+//!
+//! **First period and following ones.** In the first period nothing is known of any loop and rings are still filling; what comes
+//! after goes on for years. Both are told apart. A run must take two periods at least to have a following one.
+//!
+//! **Bytes a loop-hour** are what the store's database has in use at the end, over loops and hours of plant time. Samples of the
+//! last minutes are not chunks yet and take more, so a short run shows more than a long one.
+//!
+//! **It fails** where a poll was missed or not answered, a diagnosis was skipped, late, panicked or never begun, or the store lost
+//! something. Shares of a core and memory are printed with their aims, and fail nothing: they depend on the machine. Other
+//! programs on the machine count against it: `taskset -c 0,1` in front gives it two cores, which the plant shares.
+//!
+//! The aims are for 10,000 loops, each diagnosed once an hour, which takes four hours:
+//! `cargo bench --bench load -- --speed 1 --loops 10000 --plant-s 7200 --period-s 3600 --samples 2048 --parallelism 2`.
+//! `scripts/profile` shows where the processor time goes.
 
 mod asking;
+mod daemon;
+mod kind;
+mod look;
 mod plant;
+mod told;
 
-use std::io::{BufRead, BufReader, Read, Write};
-use std::net::{SocketAddr, TcpStream};
-use std::process::{Child, Command, Stdio};
-use std::sync::Arc;
-use std::time::{Duration, Instant};
-use stictiond::app::App;
-use stictiond::config::{self, Config};
-use stictiond::schedule::Clock;
-use tokio::net::TcpListener;
+use kind::Kind;
+use std::io::{BufRead, BufReader};
+use std::process::{Command, ExitCode, Stdio};
+use std::time::Duration;
+use told::Told;
 
 /// As the daemon's own.
 #[global_allocator]
@@ -24,208 +56,65 @@ static ALLOCATOR: tikv_jemallocator::Jemalloc = tikv_jemallocator::Jemalloc;
 
 type Failed = Box<dyn std::error::Error + Send + Sync>;
 
-fn main() -> Result<(), Failed> {
+/// Tells the run of one kind that the table's head is another's to print.
+const BESIDE: &str = "--beside";
+
+fn main() -> Result<ExitCode, Failed> {
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
-    if std::env::args().any(|argument| argument == "--server") {
-        return runtime.block_on(plant::serve(option("--speed", 10.0), false));
+    if let Some(address) = text("--asking") {
+        return runtime.block_on(asking::run(address.parse()?)).map(|()| ExitCode::SUCCESS);
     }
-    if let Some(address) = std::env::args().skip_while(|argument| argument != "--asking").nth(1) {
-        return runtime.block_on(asking::run(address.parse()?));
+    let name = text("--kind").unwrap_or_else(|| "both".to_string());
+    if name == "both" {
+        return each_alone();
     }
-    let done = runtime.block_on(drive());
+    let kind = Kind::named(&name).ok_or("--kind is random, excited or both")?;
+    if flag("--server") {
+        let (speed, scenarios) = (option("--speed", 10.0), kind.scenarios());
+        return runtime.block_on(plant::serve(speed, false, &scenarios)).map(|()| ExitCode::SUCCESS);
+    }
+    let done = runtime.block_on(daemon::run(kind, daemon::Asked::of_arguments()));
     runtime.shutdown_timeout(Duration::from_secs(1));
-    done
+    let found = Told::of(done?);
+    found.print();
+    if !flag(BESIDE) {
+        println!("\n{}", told::HEAD);
+    }
+    println!("{}", found.row());
+    Ok(if found.faults().is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// The text after `name` among the arguments, the first time it stands there.
+fn text(name: &str) -> Option<String> {
+    std::env::args().skip_while(|argument| argument != name).nth(1)
 }
 
 /// The number after `name` among the arguments.
 fn option(name: &str, default: f64) -> f64 {
-    let mut arguments = std::env::args().skip_while(|argument| argument != name);
-    arguments.nth(1).and_then(|text| text.parse().ok()).unwrap_or(default)
+    text(name).and_then(|text| text.parse().ok()).unwrap_or(default)
 }
 
-async fn drive() -> Result<(), Failed> {
-    let (loops, speed) = (option("--loops", 2000.0) as usize, option("--speed", 10.0));
-    let (plant_s, period_s) = (option("--plant-s", 600.0), option("--period-s", 300.0));
-    let mut server = Command::new(std::env::current_exe()?)
-        .args(["--server", "--speed", &speed.to_string()])
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .spawn()?;
-    let output = server.stdout.take().ok_or("the server has no output")?;
-    let mut lines = BufReader::new(output).lines();
-    let mut addresses = Vec::new();
-    for _ in 0..plant::DEVICES {
-        addresses.push(lines.next().ok_or("the server ended")??);
+/// Whether `name` is among the arguments.
+fn flag(name: &str) -> bool {
+    std::env::args().any(|argument| argument == name)
+}
+
+/// Runs every kind in a process of its own, because the kernel tells the most memory of a process only.
+fn each_alone() -> Result<ExitCode, Failed> {
+    let (mut rows, mut held) = (Vec::new(), true);
+    for kind in Kind::ALL {
+        let mut command = Command::new(std::env::current_exe()?);
+        command.args(["--kind", kind.name(), BESIDE]).args(std::env::args().skip(1));
+        let mut run = command.stdout(Stdio::piped()).spawn()?;
+        let output = run.stdout.take().ok_or("the run has no output")?;
+        for line in BufReader::new(output).lines() {
+            let line = line?;
+            if line.starts_with("| ") { rows.push(line) } else { println!("{line}") }
+        }
+        held &= run.wait()?.success();
+        println!();
     }
-    let app = Arc::new(App::build(
-        configuration(&addresses, loops, speed, period_s)?,
-        Clock::plant(1_767_225_600.0, speed),
-        App::diagnosis(),
-    )?);
-    let listener = TcpListener::bind("127.0.0.1:0").await?;
-    let address = listener.local_addr()?;
-    let idle_rss = kib("VmRSS:");
-    let (began, cpu) = (Instant::now(), cpu_s());
-    let running = app.clone();
-    let daemon = tokio::spawn(async move { running.run(listener).await });
-    let wall = Duration::from_secs_f64(plant_s / speed);
-    let asking = (option("--rate", 0.0) > 0.0).then(|| ask(address, loops, wall)).transpose()?;
-    // In the first period nothing is known of any loop; what comes after goes on for years.
-    let mut looks = vec![Look { cpu_s: cpu, ..Look::default() }];
-    for at in 1..=LOOKS {
-        tokio::time::sleep((wall * at / LOOKS).saturating_sub(began.elapsed())).await;
-        looks.push(tokio::task::spawn_blocking(move || look(address)).await??);
-    }
-    let (wall, used) = (began.elapsed().as_secs_f64(), cpu_s() - cpu);
-    let asked = Instant::now();
-    let metrics = tokio::task::spawn_blocking(move || get(address, "/metrics")).await??;
-    let scrape = asked.elapsed();
-    let asked = Instant::now();
-    tokio::task::spawn_blocking(move || get(address, "/api/v1/loops?limit=1000")).await??;
-    let list = asked.elapsed();
-    if let Some(mut asking) = asking {
-        asking.wait()?;
-    }
-    app.stop().cancel();
-    daemon.await??;
-    drop(server.stdin.take());
-    server.wait()?;
-    let device = |event: &str| sum(&metrics, "stictiond_device_events_total", &format!("event=\"{event}\""));
-    let ended = |outcome: &str| sum(&metrics, "stictiond_runs_total", &format!("outcome=\"{outcome}\""));
-    let skipped = sum(&metrics, "stictiond_runs_skipped_total", "");
-    let diagnosed = ended("diagnosed");
-    println!("{loops} loops x 3 tags, {plant_s} s of plant time at {speed} x in {wall:.1} s");
-    println!("cpu            {used:.1} s = {:.1} % of one core in plant time", 100.0 * used / plant_s);
-    println!("  diagnoses    {:.1} s", sum(&metrics, "stictiond_runs_busy_seconds_total", ""));
-    table(&looks, plant_s);
-    println!(
-        "memory         {:.0} MiB resident, {:.0} MiB at most, {:.0} MiB before the first poll",
-        kib("VmRSS:") / 1024.0,
-        kib("VmHWM:") / 1024.0,
-        idle_rss / 1024.0
-    );
-    println!("  history      {:.0} MiB", sum(&metrics, "stictiond_history_memory_bytes", "") / 1_048_576.0);
-    println!(
-        "polls          {} done, {} missed, {} overran",
-        device("polls"),
-        device("missed_polls"),
-        device("overruns")
-    );
-    println!("samples        {} good, {} bad", device("good_samples"), device("bad_samples"));
-    println!(
-        "diagnoses      {diagnosed} done, {} of them without a search, {} late, {} panicked, {skipped} skipped",
-        sum(&metrics, "stictiond_runs_confirmed_total", ""),
-        ended("deadline_exceeded"),
-        ended("panicked")
-    );
-    println!(
-        "verdicts       {}",
-        ["stiction", "no_stiction", "not_identifiable"]
-            .map(|v| format!("{} {v}", sum(&metrics, "stictiond_loop_verdict", &format!("verdict=\"{v}\""))))
-            .join(", ")
-    );
-    println!(
-        "API            scrape {:.1} ms, page of 1000 loops {:.1} ms",
-        scrape.as_secs_f64() * 1e3,
-        list.as_secs_f64() * 1e3
-    );
-    Ok(())
-}
-
-/// Looks at the counters meanwhile.
-const LOOKS: u32 = 8;
-
-/// The counters at one time.
-#[derive(Clone, Copy, Default)]
-struct Look {
-    cpu_s: f64,
-    diagnosed: f64,
-    confirmed: f64,
-    skipped: f64,
-    waiting: f64,
-    kib: f64,
-}
-
-fn look(address: SocketAddr) -> Result<Look, Failed> {
-    let metrics = get(address, "/metrics")?;
-    Ok(Look {
-        cpu_s: cpu_s(),
-        diagnosed: sum(&metrics, "stictiond_runs_total", "outcome=\"diagnosed\""),
-        confirmed: sum(&metrics, "stictiond_runs_confirmed_total", ""),
-        skipped: sum(&metrics, "stictiond_runs_skipped_total", ""),
-        waiting: sum(&metrics, "stictiond_runs_queued", ""),
-        kib: kib("VmRSS:"),
-    })
-}
-
-/// What happened between two looks.
-fn table(looks: &[Look], plant_s: f64) {
-    let step_s = plant_s / f64::from(LOOKS);
-    println!("  until (s)  % of a core  diagnoses  without a search  skipped  waiting  MiB");
-    for (at, pair) in looks.windows(2).enumerate() {
-        let (before, after) = (pair[0], pair[1]);
-        println!(
-            "{:>11.0} {:>12.1} {:>10} {:>17} {:>8} {:>8} {:>4.0}",
-            (at + 1) as f64 * step_s,
-            100.0 * (after.cpu_s - before.cpu_s) / step_s,
-            after.diagnosed - before.diagnosed,
-            after.confirmed - before.confirmed,
-            after.skipped - before.skipped,
-            after.waiting,
-            after.kib / 1024.0
-        );
-    }
-}
-
-/// Starts who asks meanwhile.
-fn ask(to: SocketAddr, loops: usize, wall: Duration) -> std::io::Result<Child> {
-    let numbers = [
-        ("--listeners", option("--listeners", 200.0)),
-        ("--rate", option("--rate", 50.0)),
-        ("--loops", loops as f64),
-        ("--for-s", asking::lasting(wall)),
-    ];
-    let mut command = Command::new(std::env::current_exe()?);
-    command.args(["--asking", &to.to_string()]);
-    numbers.iter().fold(&mut command, |command, (name, value)| command.args([*name, &value.to_string()]));
-    command.spawn()
-}
-
-fn configuration(addresses: &[String], loops: usize, speed: f64, period_s: f64) -> Result<Config, Failed> {
-    let (poll_ms, room) = ((1000.0 / speed).round(), option("--samples", 4096.0));
-    let parallelism = option("--parallelism", 1.0);
-    let mut text = format!(
-        "[server]\nmax_event_clients = 256\nmax_connections = 512\n[schedule]\nperiod_s = {period_s:.1}\nparallelism = {parallelism:.0}\n[history]\nsamples_per_tag = {room:.0}\n"
-    );
-    text += &plant::sections(addresses, loops, poll_ms);
-    config::parse("load.toml", &text)
-        .map_err(|wrong| wrong.iter().map(|d| d.to_string() + "\n").collect::<String>().into())
-}
-
-fn get(to: SocketAddr, path: &str) -> std::io::Result<String> {
-    let mut stream = TcpStream::connect(to)?;
-    write!(stream, "GET {path} HTTP/1.1\r\nhost: {to}\r\nconnection: close\r\n\r\n")?;
-    let mut text = String::new();
-    stream.read_to_string(&mut text)?;
-    Ok(text)
-}
-
-/// The sum of the series of a metric whose labels contain a text.
-fn sum(metrics: &str, name: &str, label: &str) -> f64 {
-    let value = |line: &str| line.rsplit_once(' ').and_then(|(_, value)| value.parse::<f64>().ok());
-    metrics.lines().filter(|l| l.starts_with(name) && l.contains(label)).filter_map(value).sum()
-}
-
-fn kib(field: &str) -> f64 {
-    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let line = status.lines().find_map(|line| line.strip_prefix(field)).unwrap_or_default();
-    line.split_whitespace().next().and_then(|text| text.parse().ok()).unwrap_or(f64::NAN)
-}
-
-/// User and system time of this process, fields 14 and 15 in ticks of 10 ms.
-fn cpu_s() -> f64 {
-    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    let after_name = stat.rsplit_once(')').map_or("", |(_, rest)| rest);
-    after_name.split_whitespace().skip(11).take(2).filter_map(|text| text.parse::<f64>().ok()).sum::<f64>()
-        / 100.0
+    println!("{}", told::HEAD);
+    rows.iter().for_each(|row| println!("{row}"));
+    Ok(if held { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

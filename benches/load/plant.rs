@@ -5,16 +5,16 @@ use std::future;
 use std::io::{Read, Write};
 use std::sync::Arc;
 use std::time::Instant;
-use stictiond::sim::scenarios::{calibration, random_sound};
+use stictiond::sim::scenarios::{Scenario, calibration, random_sound};
 use stictiond::sim::{Load, LoadKind, Run};
 use tokio::net::TcpListener;
 use tokio_modbus::prelude::*;
 use tokio_modbus::server::tcp::{Server, accept_tcp_connection};
 
 pub const DEVICES: usize = 8;
-/// Records that the loops replay: a third of sticking valves, a third of sound ones that a load drives, a third at rest.
+/// Excited loops that differ.
 const RECORDS: u64 = 48;
-/// Samples of each: so long that a loop is hardly seen at the seam.
+/// Samples of the record of each: so long that a loop is hardly seen at the seam.
 const SAMPLES: usize = 48_000;
 /// Registers of a loop: OP, PV and the set point, two for each.
 const REGISTERS: usize = 6;
@@ -89,13 +89,13 @@ impl tokio_modbus::server::Service for Plant {
     }
 }
 
-/// A process of its own: prints its addresses and serves until its standard input is closed.
-pub async fn serve(speed: f64, flaps: bool) -> Result<(), Failed> {
-    let scenario = |seed| {
-        let mut scenario = if seed % 3 == 0 { calibration(seed) } else { random_sound(seed) };
+/// Loops that replay long records: a third of sticking valves, a third of sound ones that a load drives, a third at rest.
+pub fn excited() -> Vec<Scenario> {
+    let scenario = |seed: u64| {
+        let mut scenario = if seed.is_multiple_of(3) { calibration(seed) } else { random_sound(seed) };
         scenario.n = SAMPLES + scenario.warm_up;
         let spec = &mut scenario.spec;
-        if seed % 3 > 0 {
+        if !seed.is_multiple_of(3) {
             spec.loads.clear();
             spec.sp_schedule.clear();
             spec.sp = spec.pv0;
@@ -110,7 +110,12 @@ pub async fn serve(speed: f64, flaps: bool) -> Result<(), Failed> {
         }
         scenario
     };
-    let records: Result<Vec<Run>, _> = (0..RECORDS).map(|seed| scenario(seed).run()).collect();
+    (0..RECORDS).map(scenario).collect()
+}
+
+/// A process of its own: prints its addresses and serves until its standard input is closed.
+pub async fn serve(speed: f64, flaps: bool, scenarios: &[Scenario]) -> Result<(), Failed> {
+    let records: Result<Vec<Run>, _> = scenarios.iter().map(Scenario::run).collect();
     let plant = Plant { records: Arc::new(records?), start: Instant::now(), speed, device: 0, flaps };
     for device in 0..DEVICES {
         let listener = TcpListener::bind("127.0.0.1:0").await?;
