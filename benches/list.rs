@@ -1,34 +1,42 @@
 //! How fast the list of loops is answered: `cargo bench --bench list [-- --loops 100000]`.
 //!
 //! Loops of 20 sites in 1,000 units, each with a diagnosis as a centre has it from an edge, a third of them sticking, asked
-//! over HTTP on loopback one after the other. Prints a table of the time until the whole answer is there.
+//! over HTTP on loopback one after the other. Prints a table of the time until the whole answer is there. An answer without
+//! the loops that were meant is an error.
 
-use std::io::{Read, Write};
+#[path = "../tests/many/mod.rs"]
+mod many;
+
+use std::io::{Error, Read, Write};
 use std::net::{SocketAddr, TcpStream};
 use std::time::Instant;
-use stictiond::app::App;
-use stictiond::config;
-use stictiond::results::{Outcome, Run, Summary, Told, Trigger};
-use stictiond::schedule::Clock;
-use stictiond::signal::LoopId;
-use tokio::net::TcpListener;
 
-const SITES: usize = 20;
-const UNITS: usize = 50;
 /// Times that each is asked.
 const TIMES: usize = 20;
-const START: f64 = 1_767_225_600.0;
+/// How the loops stand, one after the other: one in three sticks.
+const LETTERS: &str = "SOO";
 
-/// What is asked, and how it is called.
-const ASKED: [(&str, &str); 7] = [
-    ("a page by severity", "/api/v1/loops?limit=100"),
-    ("a page by name", "/api/v1/loops?limit=100&sort=id"),
-    ("sticking ones", "/api/v1/loops?limit=100&verdict=stiction"),
-    ("search: one loop's name", "/api/v1/loops?limit=100&q=s07-fic-4711"),
-    ("search: a letter that all have", "/api/v1/loops?limit=100&q=f"),
-    ("search: nothing", "/api/v1/loops?limit=100&q=nowhere"),
-    ("a unit", "/api/v1/loops?limit=100&group=s03/u17"),
+/// How it is called, what is asked, and how many loops are found.
+const ASKED: [(&str, &str, Found); 9] = [
+    ("a page by severity", "/api/v1/loops?limit=100", Found::All),
+    ("a page by name", "/api/v1/loops?limit=100&sort=id", Found::All),
+    ("sticking ones", "/api/v1/loops?limit=100&verdict=stiction", Found::Several),
+    ("search: one loop's name", "/api/v1/loops?limit=100&q=s11:fic-04711", Found::One),
+    ("search: a letter that all have", "/api/v1/loops?limit=100&q=f", Found::All),
+    ("search: nothing", "/api/v1/loops?limit=100&q=nowhere", Found::Nothing),
+    ("a site", "/api/v1/loops?limit=100&site=s03", Found::Several),
+    ("a unit", "/api/v1/loops?limit=100&group=s03%20/%20U17", Found::Several),
+    ("the map", "/api/v1/map", Found::All),
 ];
+
+/// How many loops an answer is about.
+#[derive(Clone, Copy)]
+enum Found {
+    All,
+    Several,
+    One,
+    Nothing,
+}
 
 type Failed = Box<dyn std::error::Error + Send + Sync>;
 
@@ -40,24 +48,16 @@ fn main() -> Result<(), Failed> {
 }
 
 async fn ask(loops: usize) -> Result<(), Failed> {
-    let told =
-        |wrong: Vec<config::Diagnostic>| wrong.iter().map(|d| d.to_string() + "\n").collect::<String>();
-    let config = config::parse("list.toml", &configuration(loops)).map_err(told)?;
-    let app = App::build(config, Clock::plant(START, 1.0), App::diagnosis())?;
-    for at in 0..loops {
-        app.results().learn(diagnosed(at), None, START);
-    }
-    let listener = TcpListener::bind("127.0.0.1:0").await?;
-    let address = listener.local_addr()?;
-    tokio::spawn(axum::serve(listener, app.routes()).into_future());
+    let own = many::loops(loops, LETTERS);
+    let (address, _) = many::served(&own, many::machines(), |_| "{}".into()).await;
     println!("| {loops} loops | answer, kB | median, ms | slowest, ms |\n|---|---|---|---|");
     let table = tokio::task::spawn_blocking(move || -> std::io::Result<()> {
-        for (name, path) in ASKED {
-            get(address, path)?;
+        for (name, path, found) in ASKED {
+            check(name, &get(address, path)?, found, loops)?;
             let (mut ms, mut bytes) = (Vec::with_capacity(TIMES), 0);
             for _ in 0..TIMES {
                 let began = Instant::now();
-                bytes = get(address, path)?;
+                bytes = get(address, path)?.len();
                 ms.push(1e3 * began.elapsed().as_secs_f64());
             }
             ms.sort_by(f64::total_cmp);
@@ -68,68 +68,29 @@ async fn ask(loops: usize) -> Result<(), Failed> {
     Ok(table.await??)
 }
 
-fn id(at: usize) -> String {
-    format!("S{:02}-FIC-{at:05}", at % SITES)
-}
-
-fn configuration(loops: usize) -> String {
-    let mut text = "[history]\nsamples_per_tag = 200\n[[modbus]]\nname = \"d\"\naddress = \"127.0.0.1:1\"\naddress_base = 0\n".to_string();
-    for at in 0..loops {
-        let (site, unit, register) = (at % SITES, at / SITES % UNITS, at % 10_000 * 4);
-        text += &format!(
-            "[[loop]]\nid = \"{}\"\ngroup = \"S{site:02}/U{unit:02}\"\ndescription = \"Feed {at} to column {unit}\"\nop_span = 100.0\n\
-             op = {{ device = \"d\", register = \"holding\", address = {register}, type = \"f32\" }}\n\
-             pv = {{ device = \"d\", register = \"holding\", address = {}, type = \"f32\" }}\n",
-            id(at),
-            register + 2
-        );
-    }
-    text
-}
-
-/// A diagnosis of another machine.
-fn diagnosed(at: usize) -> Run {
-    let sticks = at.is_multiple_of(3);
-    let summary = Summary {
-        time: START - (at % 3600) as f64,
-        took_s: 0.1,
-        trigger: Trigger::Periodic,
-        outcome: if sticks { "stiction" } else { "no_stiction" }.into(),
-        reason_code: None,
-        reason: "f 0.52 % OP [0.47, 0.58], 431 better than the best explanation without friction".into(),
-        f: sticks.then_some(0.1 + (at % 977) as f64 / 200.0),
-        f_ci95: sticks.then_some([0.05, 6.0]),
-        f_in_percent: true,
-        delta_aic: Some((at % 1009) as f64),
-        compensated: None,
-    };
-    Run {
-        id: LoopId::new(id(at)),
-        started: summary.time - 0.1,
-        finished: summary.time,
-        took_s: summary.took_s,
-        trigger: summary.trigger,
-        op_span: Some(100.0),
-        basis: None,
-        outcome: Outcome::Elsewhere(Box::new(Told {
-            summary,
-            report: Some("{}".into()),
-            quality: "good".into(),
-            doubtful: false,
-            effects: Vec::new(),
-            structure: None,
-            unexplained: None,
-        })),
-    }
-}
-
-fn get(to: SocketAddr, path: &str) -> std::io::Result<usize> {
+fn get(to: SocketAddr, path: &str) -> std::io::Result<String> {
     let mut stream = TcpStream::connect(to)?;
     write!(stream, "GET {path} HTTP/1.1\r\nhost: {to}\r\nconnection: close\r\n\r\n")?;
     let mut text = String::new();
     stream.read_to_string(&mut text)?;
     if !text.starts_with("HTTP/1.1 200") {
-        return Err(std::io::Error::other(text.lines().next().unwrap_or_default().to_string()));
+        return Err(Error::other(text.lines().next().unwrap_or_default().to_string()));
     }
-    Ok(text.len())
+    Ok(text)
+}
+
+/// A request that finds nothing is fast, and says nothing of one that finds something.
+fn check(name: &str, answer: &str, found: Found, loops: usize) -> std::io::Result<()> {
+    let rest = answer.split_once("\"total\":").map_or("", |(_, rest)| rest);
+    let total: Option<usize> = rest.split([',', '}']).next().and_then(|text| text.parse().ok());
+    let is_right = |total: usize| match found {
+        Found::All => total == loops,
+        Found::Several => (2..loops).contains(&total),
+        Found::One => total == 1,
+        Found::Nothing => total == 0,
+    };
+    if total.is_some_and(is_right) {
+        return Ok(());
+    }
+    Err(Error::other(format!("{name}: {total:?} of {loops} loops were found")))
 }

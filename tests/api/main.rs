@@ -8,8 +8,11 @@ mod description;
 mod edges;
 #[path = "../store_damage/files.rs"]
 mod files;
+mod fleet;
 mod http;
 mod lists;
+#[path = "../many/mod.rs"]
+mod many;
 mod plantwide;
 #[path = "../peers/postgres.rs"]
 mod postgres;

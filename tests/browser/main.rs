@@ -1,12 +1,14 @@
 //! The dashboard in headless Chromium: what an operator sees and does, by keyboard too, and how fast it is with 2,000 loops.
 //! Screenshots lie in target/browser afterwards.
 
+#[path = "../many/mod.rs"]
+mod many;
 mod orders;
 mod rig;
 #[path = "../swinging/mod.rs"]
 mod swinging;
 
-use rig::{Rig, crowd, damaged, guarded, plant};
+use rig::{Rig, crowd, damaged, fleet, guarded, plant};
 use std::path::Path;
 use std::time::Duration;
 use stictiond::app::App;
@@ -63,6 +65,13 @@ async fn a_store_that_is_damaged_stands_above_every_view_until_it_works() {
 async fn two_thousand_loops_are_there_within_a_second_and_answer_at_once() {
     let rig = crowd(2000).await;
     browse(&rig, "speed").await;
+    rig.stop.cancel();
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn ten_thousand_loops_of_a_fleet_are_on_its_map_and_each_is_found_by_site_unit_and_name() {
+    let rig = fleet(10_000).await;
+    browse(&rig, "fleet").await;
     rig.stop.cancel();
 }
 

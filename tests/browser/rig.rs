@@ -1,5 +1,7 @@
-//! Daemons without devices: one with recorded loops of the demo's plant and real diagnoses, one with very many loops.
+//! Daemons without devices: one with recorded loops of the demo's plant and real diagnoses, one with very many loops, and the centre
+//! of a fleet.
 
+use crate::many::{self, Own};
 use crate::orders::Orders;
 use std::net::SocketAddr;
 use std::path::Path;
@@ -15,6 +17,7 @@ use stictiond::diagnosis::{
 use stictiond::history::{self, History, LoopTags, TagKind, TagSpec};
 use stictiond::results::Results;
 use stictiond::schedule::{self, Clock, Diagnose, Job, Plan, Scheduler};
+use stictiond::serve::dto::Report;
 use stictiond::serve::{self, AskStore, Context, DeviceState, Facts, LoopInfo, Plant, Setting, StoreState};
 use stictiond::signal::{LoopId, Role, Sample};
 use stictiond::sim::{Recording, demo_plant, plant::record};
@@ -192,6 +195,43 @@ pub async fn guarded() -> Rig {
     }
     let access = Access::new(access::Config::new("unused".into()), book);
     crowd_behind(20, Some(Arc::new(access)), None).await
+}
+
+/// How the loops of a fleet stand, one after the other: no site and no unit has loops of one kind only.
+const LETTERS: &str = "USOANORLHXWOO";
+/// The unit whose loops have a report to be opened.
+const OPENED: &str = "s03 / U17";
+
+/// A centre of so many loops: of 20 sites with 50 units each, of one without units, and of one with a name that would act if it ever
+/// became markup.
+pub async fn fleet(n: usize) -> Rig {
+    let own = |id: &str, group: &str, letter| Own {
+        id: id.into(),
+        description: String::new(),
+        group: group.into(),
+        letter,
+    };
+    let odd = [
+        own(&format!("north:{NASTY}"), "north / <b>U & 1</b> / 2?x=1", 'W'),
+        own("north:B", "north", 'U'),
+        own("west:A", "west", 'O'),
+    ];
+    let mut loops = many::loops(n - odd.len(), LETTERS);
+    loops.extend(odd);
+    let bare: Arc<str> = "{}".into();
+    let report = |own: &Own| if own.group == OPENED { reported(own) } else { bare.clone() };
+    let (address, stop) = many::served(&loops, many::machines(), report).await;
+    Rig { address, stop }
+}
+
+/// The report of a loop's made-up diagnosis.
+fn reported(own: &Own) -> Arc<str> {
+    let diagnosis = made_up(match own.letter {
+        'N' => 1,
+        'R' | 'L' | 'O' => 2,
+        _ => 0,
+    });
+    serde_json::to_string(&Report::new(&own.id, Some(100.0), &diagnosis)).expect("JSON").into()
 }
 
 async fn crowd_behind(n: usize, door: Option<Arc<Access>>, store: Option<AskStore>) -> Rig {

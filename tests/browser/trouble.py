@@ -140,6 +140,16 @@ def no_unit(walk):
     print("ok: loops without a unit are a choice of their own")
 
 
+def list_again(walk):
+    """The list of the fleet's page is refused once; what is done every five seconds is done at once."""
+    page = walk.open(1440, 900)
+    page.add_init_script("(() => { const timer = window.setInterval; window.setInterval = (act, milliseconds) => timer(act, milliseconds === 5000 ? 200 : milliseconds); })()")
+    refuse_once(page, re.compile(r"/api/v1/loops\?limit=50&q=fic"))
+    page.goto(f"{walk.base}/#/fleet?q=fic")
+    expect(page.get_by_text("4 of 4 loops, worst first")).to_be_visible()
+    refused(walk, "a list that was refused is asked for again")
+
+
 def store(walk):
     """A store that is damaged: what is said of it above every view, in both colours and on a phone; then it only fails, then it works."""
     for name, width, height, scheme in [("light", 1440, 900, "light"), ("dark", 1440, 900, "dark"), ("phone", 390, 844, "light")]:
@@ -178,4 +188,4 @@ def store(walk):
     print("ok: it goes when the store works again")
 
 
-trouble = [changes, live, colours, no_unit]
+trouble = [changes, live, colours, no_unit, list_again]

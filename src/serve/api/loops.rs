@@ -41,6 +41,7 @@ fn page_of_loops(context: &Context, query: &LoopsQuery) -> Result<LoopList, Prob
     // What is known by the configuration alone comes first: of many loops few are looked up.
     let is_meant = |info: &&LoopInfo| {
         query.group.as_ref().is_none_or(|wanted| *wanted == info.group)
+            && query.site.as_ref().is_none_or(|site| is_of_site(&info.group, site))
             && needle.as_ref().is_none_or(|needle| {
                 let holds = |text: &str| text.to_lowercase().contains(needle);
                 holds(info.id.as_str()) || holds(&info.description)
@@ -82,6 +83,11 @@ fn page_of_loops(context: &Context, query: &LoopsQuery) -> Result<LoopList, Prob
     };
     let items = places.into_iter().filter_map(item).collect();
     Ok(LoopList { time: rfc3339(now), total, items, next })
+}
+
+/// Whether a group is that of a site, or of one of its units.
+fn is_of_site(group: &str, site: &str) -> bool {
+    group.strip_prefix(site).is_some_and(|rest| rest.is_empty() || rest.starts_with(" / "))
 }
 
 /// What a loop is sorted by; parts that are not asked for are equal.
