@@ -15,11 +15,13 @@ pub mod audit;
 pub mod backfill;
 pub mod bounded;
 pub mod collect;
+pub mod dial;
 pub mod fleet;
 pub mod history;
 pub mod host;
 pub mod mqtt;
 pub mod notify;
+pub mod protobuf;
 pub mod quiet;
 
 pub mod results;

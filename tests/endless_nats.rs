@@ -1,9 +1,13 @@
 //! Debian's nats-server through the relay that bounds what a server may say: large messages come all the same, in their order,
-//! and certificates are checked on both sides.
+//! certificates are checked on both sides, and no message takes much more memory than its bytes.
 
+#[path = "peers/daemon.rs"]
+mod daemon;
 #[path = "peers/nats.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
 mod nats;
+#[path = "endless_nats/parts.rs"]
+mod parts;
 
 use nats::Nats;
 use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};

@@ -7,7 +7,7 @@ use crate::store::{AlarmRow, DiagnosisRow, ModelRow, TransitionRow, codec};
 /// Samples of a tag.
 pub fn block(tag: &str, source: &str, samples: &[Sample]) -> TagSamples {
     let (tag, source, block) = (tag.to_string(), source.to_string(), codec::encode(samples));
-    TagSamples { tag, source, block, set_back: false, after: None }
+    TagSamples { tag, source, block: block.into(), set_back: false, after: None }
 }
 
 /// A run, with what a store does not keep of it: effects and the unexplained share.

@@ -1,6 +1,8 @@
 //! What is asked of NATS, through its client; `relay` bounds what its servers say.
 
 use super::config::Config;
+pub use super::digest::digest;
+use super::digest::hex;
 use super::lease::Seen;
 use super::login;
 use super::ops::MOST_MESSAGE;
@@ -14,7 +16,7 @@ use async_nats::jetstream::stream::LastRawMessageErrorKind;
 use async_nats::jetstream::{self, Context};
 use async_nats::{Client, Subscriber};
 use futures::StreamExt;
-use sha2::{Digest, Sha256};
+use prost::bytes::Bytes;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
@@ -100,6 +102,11 @@ impl Incoming {
     /// What was sent.
     pub fn body(&self) -> &[u8] {
         &self.message.payload
+    }
+
+    /// The same, shared: what is decoded from it need not copy.
+    pub fn bytes(&self) -> Bytes {
+        self.message.payload.clone()
     }
 
     /// Its number among all that were given to its reader.
@@ -500,17 +507,4 @@ impl Link {
         }
         Ok(())
     }
-}
-
-/// What a message is known by: the same bytes to the same subject have the same.
-pub fn digest(subject: &str, body: &[u8]) -> [u8; 32] {
-    let mut hash = Sha256::new();
-    hash.update(subject.as_bytes());
-    hash.update([0]);
-    hash.update(body);
-    hash.finalize().into()
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }

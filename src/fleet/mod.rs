@@ -18,6 +18,7 @@
 
 pub mod config;
 pub mod convert;
+mod digest;
 pub mod lease;
 pub mod link;
 mod login;
@@ -26,5 +27,6 @@ pub mod ops;
 mod relay;
 pub mod streams;
 pub mod subject;
+pub mod weights;
 
 pub use config::Config;

@@ -11,6 +11,8 @@ pub const MOST_MESSAGE: u64 = (1 << 23) - (1 << 16);
 pub const MOST_PINGS: u32 = 64;
 /// All bytes between two of our requests: what several readers have asked for at once.
 pub const MOST_ANSWER: u64 = 20 << 20;
+/// Who lines are from in the log where others decide how many there are: they are counted as those of a library are.
+pub(super) const LOG: &str = "nats";
 
 /// Why a server is not heard any further. It says nothing that the server chooses: what is said once is then the same each time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]

@@ -7,7 +7,7 @@
 
 use super::config::Config;
 use super::login;
-use super::ops::{MOST_LINE, Refused, Watch};
+use super::ops::{LOG, MOST_LINE, Refused, Watch};
 use async_nats::{Event, ServerAddr};
 use serde_json::{Map, Value};
 use std::io;
@@ -41,8 +41,6 @@ const MOST: usize = 16;
 const MOST_SERVERS: usize = 64;
 /// Longest address of a server of which another tells (bytes).
 const MOST_ADDRESS: usize = 256;
-/// Who our lines are from in the log. A server decides how many there are, so they are counted as those of a library are.
-const LOG: &str = "nats";
 
 /// A stream to a server, encrypted or not.
 trait Far: AsyncRead + AsyncWrite + Send + Unpin {}

@@ -1,8 +1,14 @@
 //! Sparkplug B: its topics and its protobuf messages (Sparkplug 3.0, appendix), with the fields that are used here.
 //! Pure; fields that are not known are skipped, as protobuf wants it.
 
+use crate::protobuf::{self, Field, Refused, Weighed, many, one};
 use prost::Message;
 
+/// Most that a message takes once it is decoded (bytes): what a birth of 50,000 metrics takes, and less than the 32 MiB of a peer
+/// with the packet beside it.
+const MOST_DECODED: usize = 20 << 20;
+/// A longer message, where `max_payload_bytes` lets it come, may take so many times its bytes: metrics of a birth take about ten.
+const MOST_TIMES: usize = 16;
 /// The metric that carries the number of a session in NBIRTH and NDEATH.
 pub const BDSEQ: &str = "bdSeq";
 /// The metric that asks an edge node for its births.
@@ -118,6 +124,22 @@ pub struct PropertyValue {
     pub int: Option<u32>,
 }
 
+impl Weighed for Payload {
+    const FIELDS: &'static [Field] = &[many::<Metric>(2)];
+}
+
+impl Weighed for Metric {
+    const FIELDS: &'static [Field] = &[Field::Text(1), one::<PropertySet>(9), Field::Text(15)];
+}
+
+impl Weighed for PropertySet {
+    const FIELDS: &'static [Field] = &[Field::Texts(1), many::<PropertyValue>(2)];
+}
+
+impl Weighed for PropertyValue {
+    const FIELDS: &'static [Field] = &[];
+}
+
 /// What a topic says of its message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Topic<'t> {
@@ -177,9 +199,9 @@ impl Payload {
     /// Reads a message.
     ///
     /// # Errors
-    /// When it is not one.
-    pub fn read(bytes: &[u8]) -> Result<Self, prost::DecodeError> {
-        Payload::decode(bytes)
+    /// When it is not one, or would take too much.
+    pub fn read(bytes: &[u8]) -> Result<Self, Refused> {
+        protobuf::read(bytes, MOST_DECODED.max(bytes.len().saturating_mul(MOST_TIMES)))
     }
 
     /// The number of the session that a birth begins or a death ends.
@@ -266,6 +288,30 @@ mod tests {
         assert_eq!(metric(None, Value::Int(7)).number(None), Some(7.0));
         assert_eq!(metric(Some(datatype::DATE_TIME), Value::Long(7)).number(None), None);
         assert_eq!(metric(None, Value::Text("7".into())).number(None), None);
+    }
+
+    #[test]
+    fn what_decodes_to_a_hundred_times_its_bytes_is_refused_before_that() {
+        // Of the longest message where nothing else is configured: empty metrics, keys and values.
+        let empty = |tag: u8| [tag, 0].repeat(1 << 17);
+        assert_eq!(Payload::read(&empty(0x12)), Err(Refused::TooMuch(MOST_DECODED)));
+        let set = |inner: u8| {
+            let set = PropertySet::decode(&empty(inner)[..]).unwrap();
+            let metric = Metric { properties: Some(set), ..Metric::default() };
+            Payload { metrics: vec![metric], ..Payload::default() }.encode_to_vec()
+        };
+        for inner in [0x0a, 0x12] {
+            let weight = protobuf::weigh(&set(inner), Payload::FIELDS, usize::MAX).unwrap();
+            assert!(weight > (1 << 17) * 16, "{inner}: {weight}");
+        }
+        let metric = |at: usize| {
+            let name = format!("Area 1/Unit 2/FIC{at:05}/PV");
+            Metric::named(&name, datatype::DOUBLE, Some(Value::Double(50.0)))
+        };
+        for count in [2000, 50_000] {
+            let birth = Payload { metrics: (0..count).map(metric).collect(), ..Payload::default() };
+            assert_eq!(Payload::read(&birth.encode_to_vec()), Ok(birth), "{count}");
+        }
     }
 
     proptest! {

@@ -33,6 +33,7 @@ pub fn text(context: &Context) -> String {
     writeback(&mut registry, context, &plant);
     store(&mut registry, context, now);
     receivers(&mut registry, context);
+    fleet(&mut registry, context);
     process(&mut registry);
     let mut text = String::new();
     // Writing to a String cannot fail.
@@ -313,6 +314,13 @@ fn receivers(registry: &mut Registry, context: &Context) {
             count(&events, &[receiver, kind, ("event", event)], value as f64);
         }
     }
+}
+
+/// What others of the fleet say.
+fn fleet(registry: &mut Registry, context: &Context) {
+    let Some(port) = &context.fleet else { return };
+    let help = "Messages of the fleet that were of no use, or would have taken too much memory";
+    counter(registry, "fleet_refused_messages", help, port.refused() as f64);
 }
 
 /// What the kernel says of the process; nothing where it says nothing.

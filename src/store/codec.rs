@@ -39,7 +39,16 @@ pub fn encode(samples: &[Sample]) -> Vec<u8> {
 
 /// The samples of [`encode`]; `None` when these are not its bytes.
 pub fn decode(bytes: &[u8]) -> Option<Vec<Sample>> {
+    decode_at_most(bytes, MAX_SAMPLES)
+}
+
+/// The same of bytes that somebody sent: where they are of more samples than that, none is unpacked. A sample like those before
+/// it takes next to nothing in them.
+pub fn decode_at_most(bytes: &[u8], most: usize) -> Option<Vec<Sample>> {
     let (mut reader, count) = opened(bytes)?;
+    if count > most {
+        return None;
+    }
     let samples = columns(&mut reader, count)?;
     reader.rest().is_empty().then_some(samples)
 }

@@ -261,7 +261,15 @@ fn the_daemons_of_each_role_need_no_more_than_they_may() {
     edge.until("the edge does what the centre wants", PATIENCE, |edge| alarm(edge, "A") == "out-of-service");
     centre.until("the centre knows", PATIENCE, |centre| alarm(centre, "north:A") == "out-of-service");
     let known = centre.json("/api/v1/fleet");
-    assert_eq!(known["machines"].as_array().map(Vec::len), Some(3), "{known}");
+    let machines = known["machines"].as_array().expect("machines");
+    assert_eq!(machines.len(), 3, "{known}");
+    for own in machines {
+        assert_eq!(own["version"], env!("CARGO_PKG_VERSION"), "{own}");
+        assert_eq!(own["silent"], false, "{own}");
+        // All of them have one clock: what is left is the way to the server.
+        let off = own["clock_offset_s"].as_f64().expect("a number");
+        assert!(off.abs() < 10.0 && own["lag_s"].is_number(), "{own}");
+    }
     edge.stop();
     worker.stop();
     centre.stop();

@@ -43,7 +43,7 @@ pub const TARGETS: &[Target] = &[
     target("opcua", opcua::run, 2048 + 32),
     target("json", mqtt::json, 32),
     target("sparkplug", mqtt::sparkplug, 32),
-    target("fleet", fleet::run, 32),
+    target("fleet", fleet::run, 1),
     target("blocks", blocks::run, 64),
     target("journal", ledger::journal, 64),
     target("ledger", ledger::files, 64),

@@ -4,6 +4,7 @@ use super::window;
 use crate::fleet::link::{Link, LinkError, Outgoing, digest};
 use crate::fleet::message::Answer;
 use crate::fleet::subject::{Subject, What, all};
+use crate::fleet::weights;
 use crate::results::Told;
 use crate::schedule::{Asked, Clock, Elsewhere};
 use crate::signal::LoopId;
@@ -106,8 +107,7 @@ impl Asking {
         let mut answers = link.hear(all(Some(&self.site), What::Answer)).await?;
         let _ = self.link.set(link.clone());
         while let Some(message) = answers.next().await {
-            let Ok(answer) = Answer::decode(message.payload) else {
-                tracing::warn!("an answer cannot be read");
+            let Some(answer) = weights::read::<Answer>(message.subject.as_str(), message.payload) else {
                 continue;
             };
             let key: Result<[u8; 32], _> = answer.window.as_slice().try_into();

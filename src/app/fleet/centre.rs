@@ -1,6 +1,7 @@
 //! A centre: has the loops of all edges, takes what they forward into its own rings, results and store, and passes on what
 //! people do about alarms. A message is acknowledged once what it brought is in the store.
 
+use super::forward::MOST_SAMPLES;
 use super::inventory::composed;
 use super::order::{Early, Making, Order, Origin, Strange, patience};
 use super::orders::action;
@@ -15,6 +16,7 @@ use crate::fleet::link::{Incoming, Link, LinkError, Outgoing, Reading};
 use crate::fleet::message::{Alarm, Diagnosis, Hello, Samples};
 use crate::fleet::streams::{EVENTS, LATEST, SAMPLES};
 use crate::fleet::subject::{self, Subject, What, all, of_site};
+use crate::fleet::weights;
 use crate::history::{History, TagKind};
 use crate::results::{AlarmChange, RestoredAlarm};
 use crate::serve::AskDurable;
@@ -132,14 +134,19 @@ impl Fleet {
                     Err(error) => break self.rest(&error, "what edges are is not heard").await,
                 };
                 for message in heard {
-                    let hello = Hello::decode(message.body()).ok();
+                    let hello = weights::read::<Hello>(message.subject(), message.bytes());
                     let Some((own, hello)) = Subject::read(message.subject()).zip(hello) else { continue };
                     let mut edges = self.edges.lock().unwrap_or_else(PoisonError::into_inner);
                     let (site, key) = (own.site.clone(), (own.site, own.name));
                     // One that has no loops any more is forgotten.
                     let is_new = match hello.loops.is_empty() {
                         true => edges.remove(&key).is_some(),
-                        false => edges.insert(key, hello.clone()).as_ref() != Some(&hello),
+                        // Compared where it is: a copy of it would be as large again.
+                        false if edges.get(&key) == Some(&hello) => false,
+                        false => {
+                            edges.insert(key, hello);
+                            true
+                        }
                     };
                     if is_new {
                         self.in_force.lock().unwrap_or_else(PoisonError::into_inner).remove(&site);
@@ -227,8 +234,7 @@ impl Fleet {
         let own = Subject::read(message.subject())?;
         let id = LoopId::new(of_site(&own.site, &own.name));
         history.tag_index(&id, &TagKind::Role(Role::Op))?;
-        let Ok(mut samples) = Samples::decode(message.body()) else {
-            tracing::warn!(control_loop = %id, "samples cannot be read");
+        let Some(mut samples) = weights::read::<Samples>(message.subject(), message.bytes()) else {
             return Some(Block::Taken(0));
         };
         // A ring has the samples of one source: what the edge says of its tags may come after them, or before what is older.
@@ -269,7 +275,11 @@ impl Fleet {
         let again = taken.is_past(id.as_str(), message.sequence());
         let mut most = 0;
         for tag in samples.tags {
-            let Some((ring, samples)) = ring(&tag.tag).zip(codec::decode(&tag.block)) else { continue };
+            let Some(ring) = ring(&tag.tag) else { continue };
+            let Some(samples) = codec::decode_at_most(&tag.block, MOST_SAMPLES) else {
+                weights::refuse(message.subject(), "its samples are damaged, or too many");
+                continue;
+            };
             // What is known is left out; only a clock that was set back makes what is earlier new, once: behind what came
             // before it.
             let last = ring.latest().map_or(f64::NEG_INFINITY, |last| last.t);
@@ -331,8 +341,10 @@ impl Fleet {
         match own.what {
             What::Diagnosis => {
                 self.results.summaries(&id)?;
-                let Ok(Diagnosis { run: Some(run), model, .. }) = Diagnosis::decode(message.body()) else {
-                    tracing::warn!(control_loop = %id, "a diagnosis cannot be read");
+                let read = weights::read::<Diagnosis>(message.subject(), message.bytes());
+                let Some(Diagnosis { run, model, .. }) = read else { return Some(()) };
+                let Some(run) = run else {
+                    weights::refuse(message.subject(), "it has no diagnosis");
                     return Some(());
                 };
                 let model = model.map(|model| remembered_model(&convert::model_row(id.as_str(), &model)));
@@ -467,8 +479,9 @@ pub(super) fn is_forgotten(change: &AlarmChange) -> bool {
 
 /// An alarm as its edge has it, and what happened to it, by a message of the loop or collector `id`.
 pub(super) fn alarm(id: &LoopId, message: &Incoming) -> Option<(RestoredAlarm, Option<AlarmChange>)> {
-    let Ok(Alarm { state: Some(state), change, told, .. }) = Alarm::decode(message.body()) else {
-        tracing::warn!(subject = %id, "an alarm cannot be read");
+    let read = weights::read::<Alarm>(message.subject(), message.bytes());
+    let Alarm { state: Some(state), change, told, .. } = read? else {
+        weights::refuse(message.subject(), "it has no state of an alarm");
         return None;
     };
     let row = AlarmRow { control_loop: id.to_string(), ..convert::alarm_row(state) };

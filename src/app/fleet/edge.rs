@@ -12,9 +12,10 @@ use crate::alarm::{AlarmId, Cause};
 use crate::app::App;
 use crate::fleet::lease::Seen;
 use crate::fleet::link::{Link, LinkError, Outgoing};
-use crate::fleet::message::Action;
+use crate::fleet::message::{Action, Hello};
 use crate::fleet::streams::ACTIONS;
 use crate::fleet::subject::{Subject, What, all, escaped};
+use crate::fleet::weights::{self, MOST_DECODED};
 use crate::notify::Telling;
 use crate::results::AlarmChange;
 use crate::signal::LoopId;
@@ -163,8 +164,15 @@ impl Fleet {
     async fn greet(&self, link: &Link, scene: &Scene) -> Result<(), LinkError> {
         let names = crate::app::devices_of(&scene.config).iter().map(LoopId::to_string).collect();
         let subject = Subject::new(&self.site, &self.name, What::Hello).to_string();
-        let message = Outgoing::latest(subject, hello(scene, names).encode_to_vec());
-        match link.send(&[message]).await {
+        let body = hello(scene, names).encode_to_vec();
+        if !weights::is_taken::<Hello>(&body) {
+            tracing::error!(
+                loops = scene.config.loops.len(),
+                "the centre does not know this edge's loops: what is said of them takes more than {MOST_DECODED} bytes there"
+            );
+            return Ok(());
+        }
+        match link.send(&[Outgoing::latest(subject, body)]).await {
             Err((_, LinkError::TooLarge(bytes))) => {
                 tracing::error!(
                     bytes,
@@ -244,15 +252,15 @@ impl Fleet {
                 let new: Vec<_> = orders.iter().filter(|order| order.sequence() > last).collect();
                 for order in &new {
                     last = order.sequence().max(last);
-                    match Action::decode(order.body()) {
-                        Ok(action) if action.epoch < self.epoch.fetch_max(action.epoch, Relaxed) => {
+                    match weights::read::<Action>(order.subject(), order.bytes()) {
+                        Some(action) if action.epoch < self.epoch.fetch_max(action.epoch, Relaxed) => {
                             tracing::warn!(
                                 by = action.by,
                                 "an order of a centre that was replaced is refused"
                             );
                         }
-                        Ok(action) => self.obey(&action, &mut obeyed),
-                        Err(error) => tracing::warn!(%error, "an order cannot be read"),
+                        Some(action) => self.obey(&action, &mut obeyed),
+                        None => {}
                     }
                 }
                 // Also for those that were done before: they come again because that was not durable.

@@ -9,6 +9,7 @@ use crate::fleet::link::{Link, LinkError, Outgoing};
 use crate::fleet::message::{self, Alarm, Cursor, Diagnosis, Samples, TagSamples};
 use crate::fleet::streams::{LATEST, SAMPLES};
 use crate::fleet::subject::{Subject, What};
+use crate::fleet::weights;
 use crate::history::{History, LoopTags, Ring};
 use crate::signal::{LoopId, Sample};
 use crate::store::{self, Reader, StoreError};
@@ -247,7 +248,7 @@ impl Forward {
             Some(cursor) => cursor,
             None => {
                 let last = link.last(LATEST, &subject).await?;
-                last.and_then(|(_, body)| Cursor::decode(&body[..]).ok()).unwrap_or_default()
+                last.and_then(|(_, body)| weights::read::<Cursor>(&subject, body)).unwrap_or_default()
             }
         };
         let (site, own) = (self.site.clone(), config.clone());
@@ -319,7 +320,7 @@ fn message(site: &str, part: &mut Part, places: &HashMap<&LoopId, Vec<(&TagKey, 
 async fn last_of(link: Link, site: String, id: LoopId) -> Result<(LoopId, Samples), LinkError> {
     let subject = Subject::new(&site, id.as_str(), What::Samples).to_string();
     let last = link.last(SAMPLES, &subject).await?;
-    let message = last.and_then(|(_, body)| Samples::decode(&body[..]).ok());
+    let message = last.and_then(|(_, body)| weights::read::<Samples>(&subject, body));
     Ok((id, message.unwrap_or_default()))
 }
 

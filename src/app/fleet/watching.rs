@@ -5,8 +5,8 @@ use crate::fleet::link::Link;
 use crate::fleet::message::Pulse;
 use crate::fleet::streams::LATEST;
 use crate::fleet::subject::{NO_SITE, Subject, What, all};
+use crate::fleet::weights;
 use crate::serve::{FleetPort, FleetSeen, Machine};
-use prost::Message;
 use std::sync::PoisonError;
 use std::time::Duration;
 
@@ -35,7 +35,7 @@ impl Fleet {
                 };
                 let mut machines = self.machines.lock().unwrap_or_else(PoisonError::into_inner);
                 for message in heard {
-                    let pulse = Pulse::decode(message.body()).ok();
+                    let pulse = weights::read::<Pulse>(message.subject(), message.bytes());
                     let Some((own, pulse)) = Subject::read(message.subject()).zip(pulse) else { continue };
                     let heard_at = message.taken_at().unwrap_or_else(|| self.clock.now());
                     let site = Some(own.site).filter(|site| site != NO_SITE).unwrap_or_default();
@@ -75,5 +75,9 @@ impl FleetPort for Fleet {
             tells: self.role == Role::Alone || self.outlet.speaks(),
             machines: machines.values().cloned().collect(),
         }
+    }
+
+    fn refused(&self) -> u64 {
+        weights::refused()
     }
 }

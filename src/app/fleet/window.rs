@@ -12,8 +12,15 @@ use crate::signal::{LoopId, Record};
 use crate::store::{codec, unpack};
 use std::sync::Arc;
 
-/// The message that asks for a diagnosis; `None` for what cannot be written.
+/// Samples of a window, of all its tags together: 5 MB where they are unpacked. An edge diagnoses what is longer by itself.
+const MOST_SAMPLES: usize = 200_000;
+/// Longest text about a window (bytes); it takes some thousand.
+const MOST_BASIS: usize = 1 << 20;
+
+/// The message that asks for a diagnosis; `None` for what cannot be written, or would not be read.
 pub(super) fn of(asked: &Asked, answer_within_s: f64) -> Option<Window> {
+    let samples: usize = basis::series(&asked.record).map(|(_, samples)| samples.len()).sum();
+    (samples <= MOST_SAMPLES).then_some(())?;
     Some(Window {
         control_loop: asked.id.to_string(),
         basis: BasisText::text(&asked.basis)?,
@@ -29,10 +36,15 @@ pub(super) fn of(asked: &Asked, answer_within_s: f64) -> Option<Window> {
 /// # Errors
 /// What does not fit together, in one line.
 pub(super) fn read(window: &Window) -> Result<(Basis, Record), String> {
-    let basis = BasisText::read(&window.basis).ok_or("its settings cannot be read by this version")?;
-    let mut record = Record::default();
+    let text = Some(&window.basis).filter(|text| text.len() <= MOST_BASIS);
+    let basis =
+        text.and_then(|text| BasisText::read(text)).ok_or("its settings cannot be read by this version")?;
+    let (mut record, mut left) = (Record::default(), MOST_SAMPLES);
     for tag in &window.tags {
-        let samples = codec::decode(&tag.block).ok_or_else(|| format!("tag {:?} is damaged", tag.tag))?;
+        let samples = codec::decode_at_most(&tag.block, left).ok_or_else(|| {
+            format!("tag {:?} is damaged, or the window has more than {MOST_SAMPLES} samples", tag.tag)
+        })?;
+        left -= samples.len();
         basis::put(&mut record, &tag.tag, samples);
     }
     let (record, lost) = basis.cut(record);

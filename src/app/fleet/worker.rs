@@ -7,6 +7,7 @@ use crate::fleet::link::{Incoming, Link, digest};
 use crate::fleet::message::{Answer, Window};
 use crate::fleet::streams::WINDOWS;
 use crate::fleet::subject::{Subject, What, all};
+use crate::fleet::weights;
 use crate::results::{Outcome, Run, Trigger};
 use crate::schedule::Diagnose;
 use crate::signal::LoopId;
@@ -72,8 +73,9 @@ impl Fleet {
     /// Diagnoses one window and answers.
     async fn work(&self, link: &Link, incoming: Incoming, diagnose: Diagnose) {
         let subject = incoming.subject().to_string();
-        let (Some(own), Ok(window)) = (Subject::read(&subject), Window::decode(incoming.body())) else {
-            tracing::warn!(subject, "what waits for a worker is no window");
+        let window = weights::read::<Window>(&subject, incoming.bytes());
+        let Some((own, window)) = Subject::read(&subject).zip(window) else {
+            tracing::debug!(subject, "what waits for a worker is no window");
             let _ = incoming.done().await;
             return;
         };

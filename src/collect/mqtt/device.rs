@@ -357,9 +357,12 @@ impl Collector {
         sink: &dyn Sink,
     ) -> (usize, usize) {
         let Some(at) = self.edges.iter().position(|edge| edge.is_of(parsed)) else { return (0, 0) };
-        let Ok(payload) = Payload::read(payload) else {
-            self.refuse(topic, "not a message of Sparkplug B", 1);
-            return (0, 0);
+        let payload = match Payload::read(payload) {
+            Ok(payload) => payload,
+            Err(why) => {
+                self.refuse(topic, &format!("not taken as Sparkplug B: {why}"), 1);
+                return (0, 0);
+            }
         };
         let News { values, lost, wants_births, gap, refused } = self.edges[at].take(parsed, &payload);
         if refused > 0 {

@@ -46,4 +46,9 @@ pub struct FleetSeen {
 pub trait FleetPort: Send + Sync {
     /// The fleet as it is seen now.
     fn seen(&self) -> FleetSeen;
+
+    /// Messages of others that were of no use, or would have taken too much.
+    fn refused(&self) -> u64 {
+        0
+    }
 }

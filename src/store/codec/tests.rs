@@ -65,6 +65,15 @@ fn any_sample() -> impl Strategy<Value = Sample> {
     (t, value, 0usize..7).prop_map(|(t, value, quality)| Sample { t, value, quality: Quality::ALL[quality] })
 }
 
+#[test]
+fn more_samples_than_are_wanted_are_not_unpacked() {
+    let samples: Vec<Sample> = (0..10_000).map(|k| Sample::good(f64::from(k), 50.0)).collect();
+    let bytes = encode(&samples);
+    assert!(bytes.len() < 1000, "{} bytes", bytes.len());
+    assert!(decode_at_most(&bytes, 9_999).is_none());
+    assert_eq!(decode_at_most(&bytes, 10_000).map(|samples| samples.len()), Some(10_000));
+}
+
 proptest! {
     #[test]
     fn whatever_is_put_in_comes_back(samples in proptest::collection::vec(any_sample(), 0..150)) {
