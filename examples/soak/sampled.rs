@@ -1,10 +1,13 @@
 //! What a daemon takes, as the system and the daemon itself tell it.
 
 use super::Failed;
+use super::daemon::{ALLOCATED, PANIC};
 use std::fs;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
@@ -23,6 +26,8 @@ pub struct Sample {
     pub t: f64,
     /// Resident memory (MB).
     pub memory: f64,
+    /// Allocated and not freed, by what is not C (MB).
+    pub allocated: f64,
     /// What the rings may take (MB).
     pub rings: f64,
     /// Open files and sockets.
@@ -41,6 +46,8 @@ pub struct Sample {
     pub runs: f64,
     pub skipped: f64,
     pub panicked: f64,
+    /// Panics on purpose, as the process says before each.
+    pub meant: f64,
     /// Alarms that are not normal.
     pub alarms: f64,
     /// What waits on disk for the database (MB).
@@ -49,8 +56,27 @@ pub struct Sample {
     pub lost: f64,
 }
 
+/// What the daemon's process says of itself.
+#[derive(Default)]
+pub struct Said {
+    panics: AtomicU64,
+    allocated: AtomicU64,
+}
+
+impl Said {
+    /// Hears a line.
+    pub fn hear(&self, line: &str) {
+        if line == PANIC {
+            self.panics.fetch_add(1, Relaxed);
+        } else if let Some(Ok(bytes)) = line.strip_prefix(ALLOCATED).map(str::parse::<u64>) {
+            self.allocated.store(bytes, Relaxed);
+        }
+    }
+}
+
 /// The daemon that is looked at.
 pub struct Daemon {
+    pub said: Arc<Said>,
     pub pid: u32,
     pub address: SocketAddr,
     pub store: PathBuf,
@@ -91,6 +117,7 @@ impl Daemon {
         Ok(Sample {
             t: began.elapsed().as_secs_f64(),
             memory: self.kib("VmRSS:")? * 1024.0 / 1e6,
+            allocated: self.said.allocated.load(Relaxed) as f64 / 1e6,
             rings: sum(&text, "stictiond_history_memory_bytes", "") / 1e6,
             handles: fs::read_dir(format!("/proc/{}/fd", self.pid))?.count() as f64,
             threads: self.kib("Threads:")?,
@@ -104,6 +131,7 @@ impl Daemon {
             runs: ended("diagnosed"),
             skipped: sum(&text, "stictiond_runs_skipped_total", ""),
             panicked: ended("panicked"),
+            meant: self.said.panics.load(Relaxed) as f64,
             alarms: sum(&text, "stictiond_alarm_state{", ""),
             waits: sum(&text, "stictiond_store_spool_bytes", "") / 1e6,
             lost: LOSSES.iter().map(|event| kept(event)).sum(),

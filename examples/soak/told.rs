@@ -1,10 +1,10 @@
 //! What came of it: the slope of memory, bounds, and the picture.
 
 use super::sampled::Sample;
-use std::collections::BTreeMap;
+use super::slope::{Slope, median};
 use stictiond::plot::{Panel, Plot, Series, sheet, thin};
 
-/// Memory that rings do not take may grow by so much (MB an hour).
+/// Memory that rings do not take may grow by so much (MB an hour); it is too much where the lower end of the slope's interval is.
 const MOST_MB_AN_HOUR: f64 = 1.0;
 /// Handles and threads may be so many more at the end than after the first part.
 const MOST_MORE: f64 = 8.0;
@@ -12,8 +12,6 @@ const MOST_MORE: f64 = 8.0;
 const MISSED: f64 = 1e-3;
 /// Longest time between two samples of a tag in the database (s): a reload that changes a device connects to it anew.
 const LONGEST_S: f64 = 10.0;
-/// Looks with the same place in a round are at most so far apart in it (s).
-const ALIKE_S: f64 = 10.0;
 /// Memory is told as medians over so long (s).
 const MEDIAN_S: f64 = 600.0;
 /// Points of a curve.
@@ -24,10 +22,18 @@ fn filled(sample: &Sample, ring: f64) -> f64 {
     sample.rings * (sample.t / ring).min(1.0)
 }
 
-/// What came of what was written, and of the panics.
+/// Resident memory beyond that (MB).
+fn resident(sample: &Sample, ring: f64) -> f64 {
+    sample.memory - filled(sample, ring)
+}
+
+/// Memory that is allocated beside the rings, which are whole from the start on (MB).
+fn allocated(sample: &Sample) -> f64 {
+    sample.allocated - sample.rings
+}
+
+/// What came of what was written.
 pub struct Kept {
-    /// Panics on purpose, as the log has them.
-    pub panics: f64,
     /// Whether the store works at the end and nothing waits.
     pub settled: bool,
     /// Longest time between two samples of a tag in the database (s).
@@ -38,35 +44,38 @@ pub struct Kept {
 
 /// The result.
 pub struct Told {
-    /// Of memory beyond what rings fill (MB an hour).
-    slope: f64,
+    /// Of what is allocated beside the rings, and of resident memory beyond what rings fill (MB an hour). A leak is in both;
+    /// pages that the allocator keeps are in the second only.
+    allocated: Slope,
+    resident: Slope,
     /// Handles and threads more than after the first part.
     handles: f64,
     threads: f64,
     first_part: f64,
-    /// Memory beyond what rings fill, each the median of [`MEDIAN_S`] (MB).
-    medians: Vec<f64>,
+    /// The same memory, each the medians of [`MEDIAN_S`] (MB).
+    medians: [Vec<f64>; 2],
 }
 
 impl Told {
     pub fn of(samples: &[Sample], first_part: f64, ring: f64, recurs: f64) -> Self {
         let later: Vec<&Sample> = samples.iter().filter(|sample| sample.t >= first_part).collect();
-        let points: Vec<(f64, f64)> =
-            later.iter().map(|sample| (sample.t, sample.memory - filled(sample, ring))).collect();
+        let slope = |of: &dyn Fn(&Sample) -> f64| {
+            let points: Vec<(f64, f64)> = later.iter().map(|sample| (sample.t, of(sample))).collect();
+            Slope::of(&points, recurs)
+        };
         let more = |of: fn(&Sample) -> f64| {
             let first = later.first().map_or(f64::NAN, |sample| of(sample));
             later.last().map_or(f64::NAN, |sample| of(sample)) - first
         };
-        let parts = samples.chunk_by(|a, b| (a.t / MEDIAN_S).floor() == (b.t / MEDIAN_S).floor());
-        let median = |part: &[Sample]| {
-            let mut memory: Vec<f64> =
-                part.iter().map(|sample| sample.memory - filled(sample, ring)).collect();
-            memory.sort_by(f64::total_cmp);
-            memory[memory.len() / 2]
+        let medians = |of: &dyn Fn(&Sample) -> f64| {
+            let parts = samples.chunk_by(|a, b| (a.t / MEDIAN_S).floor() == (b.t / MEDIAN_S).floor());
+            parts.map(|part| median(part.iter().map(of))).collect::<Vec<f64>>()
         };
+        let beyond = |sample: &Sample| resident(sample, ring);
         Self {
-            medians: parts.map(median).collect(),
-            slope: 3600.0 * slope(&points, recurs),
+            medians: [medians(&allocated), medians(&beyond)],
+            allocated: slope(&allocated),
+            resident: slope(&beyond),
             handles: more(|s| s.handles),
             threads: more(|s| s.threads),
             first_part,
@@ -87,9 +96,15 @@ impl Told {
         println!("page of loops  {}", of(|sample| sample.list));
         println!("one loop       {}", of(|sample| sample.one));
         println!("metrics        {}", of(|sample| sample.metrics));
-        println!("memory         {:.0} MB at the end, {:.0} MB of them rings", last.memory, last.rings);
-        let medians: Vec<String> = self.medians.iter().map(|mb| format!("{mb:.0}")).collect();
-        println!("  beyond the rings, medians of {:.0} min: {} MB", MEDIAN_S / 60.0, medians.join(", "));
+        println!(
+            "memory         {:.0} MB resident at the end, {:.0} MB allocated, {:.0} MB of them rings",
+            last.memory, last.allocated, last.rings
+        );
+        for (what, medians) in ["allocated", "resident"].into_iter().zip(&self.medians) {
+            let medians: Vec<String> = medians.iter().map(|mb| format!("{mb:.0}")).collect();
+            let minutes = MEDIAN_S / 60.0;
+            println!("  {what} beyond the rings, medians of {minutes:.0} min: {} MB", medians.join(", "));
+        }
         println!("disk           {:.0} MB at the end", last.disk);
         let part = self.first_part / 60.0;
         let mut good = true;
@@ -98,11 +113,13 @@ impl Told {
             good &= holds;
             println!("{what}: {value:.3}, at most {most}: {}", if holds { "holds" } else { "BROKEN" });
         };
-        bound(
-            &format!("slope of memory beyond the rings after {part:.0} min (MB/h)"),
-            self.slope,
-            MOST_MB_AN_HOUR,
-        );
+        for (what, slope) in [("allocated", self.allocated), ("resident", self.resident)] {
+            let (own, [low, high]) = (slope.per_hour, slope.interval());
+            println!(
+                "{what} memory beyond the rings after {part:.0} min: {own:.2} MB/h, 95 % interval {low:.2} to {high:.2}"
+            );
+            bound(&format!("lower end of that interval, {what} (MB/h)"), low, MOST_MB_AN_HOUR);
+        }
         bound(&format!("handles more than after {part:.0} min"), self.handles, MOST_MORE);
         bound(&format!("threads more than after {part:.0} min"), self.threads, MOST_MORE);
         bound("looks without an answer", kept.unanswered, 0.0);
@@ -111,7 +128,7 @@ impl Told {
             last.missed / (last.polls + last.missed).max(1.0),
             MISSED,
         );
-        let panics = (last.panicked - kept.panics).abs();
+        let panics = (last.panicked - last.meant).abs();
         bound("diagnoses that panicked, less those of the one loop", panics, 0.0);
         bound("samples, rows and states lost", last.lost, 0.0);
         bound("waits for the database at the end (MB)", last.waits, 0.0);
@@ -119,25 +136,6 @@ impl Told {
         bound("longest time between two samples in the database (s)", kept.gap, LONGEST_S);
         good
     }
-}
-
-/// b of y = b x + c(phase), by least squares: each place in a round has a level c of its own, so that only looks at the same
-/// place are compared and what recurs in every round is no slope.
-fn slope(points: &[(f64, f64)], round: f64) -> f64 {
-    let mut alike: BTreeMap<u64, Vec<(f64, f64)>> = BTreeMap::new();
-    for &(x, y) in points {
-        alike.entry(((x % round) / ALIKE_S).round() as u64).or_default().push((x, y));
-    }
-    let (mut over, mut under) = (0.0, 0.0);
-    for points in alike.values() {
-        let n = points.len() as f64;
-        let (x, y) = points.iter().fold((0.0, 0.0), |(x, y), point| (x + point.0 / n, y + point.1 / n));
-        for point in points {
-            over += (point.0 - x) * (point.1 - y);
-            under += (point.0 - x).powi(2);
-        }
-    }
-    over / under
 }
 
 /// Everything over time.
@@ -165,7 +163,8 @@ pub fn picture(samples: &[Sample], reloads: &[f64], first_part: f64, ring: f64) 
                 false,
                 vec![
                     curve("resident", "pv", &|s| s.memory),
-                    curve("beyond what rings fill", "op", &|s| s.memory - filled(s, ring)),
+                    curve("beyond what rings fill", "op", &|s| resident(s, ring)),
+                    curve("allocated beside the rings", "other", &allocated),
                 ],
             ),
             panel(

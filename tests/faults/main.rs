@@ -4,6 +4,7 @@
 mod check;
 mod crash;
 mod disk;
+mod held;
 mod network;
 mod plant;
 mod run;
@@ -12,11 +13,12 @@ mod truth;
 mod verdict;
 
 use disk::Bug;
+use held::{Held, MOST_HELD, MOST_LEFT, alone, held, since};
 use run::{Outcome, run};
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::time::Instant;
 
 /// Seeds that run with all other tests.
@@ -36,10 +38,13 @@ fn tried(seed: u64, bug: Bug, told: bool) -> Result<Outcome, String> {
     ran.map_err(|why| format!("seed {seed}: {why}"))
 }
 
-/// Runs seeds on all cores; what was counted, and what did not hold.
+/// Runs seeds on all cores; what was counted, and what did not hold. Each core may hold as much as a seed may.
 fn sweep(first: u64, count: u64) -> (Outcome, Vec<String>) {
     let (next, total) = (AtomicU64::new(first), Mutex::new((Outcome::default(), Vec::new())));
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    // What is made once is no seed's.
+    let _ = tried(first, Bug::None, false);
+    let (begin, most) = (Held::now(), AtomicUsize::new(0));
     std::thread::scope(|scope| {
         for _ in 0..cores {
             scope.spawn(|| {
@@ -48,7 +53,13 @@ fn sweep(first: u64, count: u64) -> (Outcome, Vec<String>) {
                     if seed >= first + count {
                         break;
                     }
-                    let ran = tried(seed, Bug::None, false);
+                    let ran = tried(seed, Bug::None, false).and_then(|outcome| {
+                        let own = since(&begin).most;
+                        if most.fetch_max(own, Relaxed) < own && own > cores * MOST_HELD {
+                            return Err(format!("seed {seed}: {own} bytes were held, by {cores} at once"));
+                        }
+                        Ok(outcome)
+                    });
                     let mut total = total.lock().expect("no panic");
                     match ran {
                         Ok(outcome) => {
@@ -66,12 +77,23 @@ fn sweep(first: u64, count: u64) -> (Outcome, Vec<String>) {
             });
         }
     });
-    total.into_inner().expect("no panic")
+    let (outcome, mut wrong) = total.into_inner().expect("no panic");
+    let (most, left) = (most.into_inner(), since(&begin).left);
+    println!(
+        "{:.1} MiB of memory held at most by {cores} seeds at once, {:.2} MiB left at the end",
+        most as f64 / f64::from(1 << 20),
+        left as f64 / f64::from(1 << 20)
+    );
+    if left > MOST_LEFT {
+        wrong.push(format!("{left} bytes of memory are left after {count} seeds"));
+    }
+    (outcome, wrong)
 }
 
 /// With `STICTIOND_SEEDS` and `STICTIOND_SEED` so many seeds from that one on.
 #[test]
 fn nothing_is_lost_twice_or_invented_under_faults() {
+    let _alone = alone();
     let (first, count) = (number("STICTIOND_SEED").unwrap_or(1), number("STICTIOND_SEEDS").unwrap_or(SEEDS));
     let began = Instant::now();
     let (total, wrong) = sweep(first, count);
@@ -84,11 +106,16 @@ fn nothing_is_lost_twice_or_invented_under_faults() {
 /// The run of one seed again, told step by step, for who looks for a cause; without `STICTIOND_SEED` a few of them, untold.
 #[test]
 fn one_seed() {
+    let _alone = alone();
     let asked = number("STICTIOND_SEED");
     for seed in asked.map_or(1..=4, |seed| seed..=seed) {
         let first = tried(seed, Bug::None, asked.is_some()).unwrap_or_else(|why| panic!("{why}"));
-        let again = tried(seed, Bug::None, false).unwrap_or_else(|why| panic!("{why}"));
+        // What is made once was made by the first.
+        let (again, memory) = held(|| tried(seed, Bug::None, false));
+        let again = again.unwrap_or_else(|why| panic!("{why}"));
         assert_eq!(first, again, "seed {seed}: a run is a function of its seed");
+        println!("seed {seed}: {} bytes of memory at most, {} left", memory.most, memory.left);
+        assert!(memory.most <= MOST_HELD && memory.left <= MOST_LEFT, "seed {seed}: {memory:?}");
         if asked.is_some() {
             println!("{first:#?}");
         }
@@ -98,6 +125,7 @@ fn one_seed() {
 /// A check that cannot fail checks nothing.
 #[test]
 fn deliberate_bugs_are_found() {
+    let _alone = alone();
     for (bug, words) in [
         (Bug::AcknowledgesBeforeWriting, "lost"),
         (Bug::WritesTwice, "nobody wrote"),

@@ -1,0 +1,59 @@
+//! The slope by which `scripts/soak` judges whether memory grows.
+
+#[path = "../examples/soak/slope.rs"]
+mod slope;
+
+use rand::SeedableRng;
+use rand_distr::{Distribution, Normal};
+use rand_pcg::Pcg64Mcg;
+use slope::{Slope, median};
+
+/// What recurs, as in a run of two hours (s).
+const ROUND: f64 = 1800.0;
+
+/// A look every 10 s from half an hour to `hours`: what grows by so much in an hour, with what recurs, spikes, and noise of each
+/// part of ten minutes.
+fn looks(growth: f64, hours: f64, noise: impl Fn(usize) -> f64) -> Vec<(f64, f64)> {
+    let times = (180..).map(|look| 10.0 * f64::from(look)).take_while(|t| *t < 3600.0 * hours);
+    let value = |t: f64| {
+        let away = if t % ROUND < 240.0 { 30.0 } else { 0.0 };
+        let spike = if t % 290.0 < 10.0 { 80.0 } else { 0.0 };
+        let level = 100.0 + 5.0 * (t % ROUND / 600.0).floor();
+        level + growth * t / 3600.0 + away + spike + noise((t / 600.0) as usize)
+    };
+    times.map(|t| (t, value(t))).collect()
+}
+
+#[test]
+fn what_recurs_and_spikes_are_no_slope() {
+    for growth in [-2.0, 0.0, 5.7] {
+        let slope = Slope::of(&looks(growth, 2.0, |_| 0.0), ROUND);
+        // Spikes are at other places of each round, so that the middle one is another look.
+        assert!((slope.per_hour - growth).abs() < 0.1, "{growth}: {slope:?}");
+        assert!(slope.half_width < 0.2, "{growth}: {slope:?}");
+    }
+}
+
+#[test]
+fn an_interval_holds_the_truth_in_95_of_100_cases() {
+    let normal = Normal::new(0.0, 3.0).expect("a width");
+    let held = (0..1000).filter(|seed| {
+        let mut random = Pcg64Mcg::seed_from_u64(*seed);
+        let noise: Vec<f64> = (0..20).map(|_| normal.sample(&mut random)).collect();
+        let [low, high] = Slope::of(&looks(1.0, 2.0, |part| noise[part]), ROUND).interval();
+        (low..=high).contains(&1.0)
+    });
+    let held = held.count();
+    // Three deviations of such a count.
+    assert!((929..=971).contains(&held), "{held} of 1000");
+}
+
+#[test]
+fn what_is_too_short_says_nothing() {
+    // A part of each place, and one more.
+    let slope = Slope::of(&looks(0.0, 1.0 + 1.0 / 6.0, |_| 0.0), ROUND);
+    assert!(slope.per_hour.abs() < 1e-6 && slope.half_width.is_infinite(), "{slope:?}");
+    assert!(Slope::of(&[], ROUND).per_hour.is_nan());
+    assert!(median([]).is_nan());
+    assert!((median([3.0, 1.0, 2.0]) - 2.0).abs() < 1e-12);
+}
