@@ -2,15 +2,15 @@
 //!
 //! `cargo run --release -p stictiond-numerics --example sound_rates`
 
+#[path = "../tests/common/records.rs"]
+#[expect(dead_code, reason = "each user takes a part")]
+mod records;
+
 use clap::Parser;
 use stictiond_numerics::detectors::tally::wilson;
 use stictiond_numerics::diagnosis::{Settings, Verdict, diagnose};
 use stictiond_numerics::residual::{self, trace_record};
-use stictiond_numerics::signal::{Record, Sample};
 use stictiond_numerics::sim::scenarios::{SOUND_KINDS, Scenario, random_sound, random_sticky};
-
-/// Samples of a record.
-const SAMPLES: usize = 1000;
 
 /// How often a sound valve is told to stick
 #[derive(Parser)]
@@ -32,12 +32,8 @@ struct Count {
 }
 
 impl Count {
-    fn add(&mut self, mut scenario: Scenario) {
-        scenario.n = scenario.warm_up + SAMPLES;
-        let Ok(run) = scenario.run() else { return };
-        let series = |v: &[f64]| (0..SAMPLES).map(|k| Sample::good(run.t[k], v[k])).collect();
-        let record =
-            Record { op: series(&run.op), pv: series(&run.pv), op_span: Some(100.0), ..Record::default() };
+    fn add(&mut self, scenario: Scenario) {
+        let Ok(record) = records::window(scenario) else { return };
         let settings = Settings::default();
         let diagnosis = diagnose(&record, &settings);
         let found = trace_record(&record, &diagnosis, &settings, &residual::Settings::default());

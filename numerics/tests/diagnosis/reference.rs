@@ -46,9 +46,9 @@ impl Reference<'_> {
     fn evaluate(&self, theta: &[f64; MOST], jacobian: Option<&mut Vec<[f64; MOST]>>) -> (f64, Vec<f64>) {
         let Orders { na, nb, nc, nk } = self.orders;
         let (y, x, dir, n): (&[f64], _, _, _) = (&self.p.y, self.x, self.dir, self.p.y.len());
-        let (mut errors, mut gradients) = (vec![0.0; n], vec![[0.0; MOST]; n]);
-        let (e, psi): (&mut [f64], &mut [[f64; MOST]]) = (&mut errors, &mut gradients);
         let (first_b, first_c, slopes) = (na, na + nb, jacobian.is_some());
+        let (mut errors, mut gradients) = (vec![0.0; n], vec![[0.0; MOST]; if slopes { n } else { 0 }]);
+        let (e, psi): (&mut [f64], &mut [[f64; MOST]]) = (&mut errors, &mut gradients);
         let mut k = self.p.start.index + 1 + na.max(nk + nb - 1);
         while k < n {
             let (mut value, mut row) = (y[k] - theta[6], [0.0; MOST]);
@@ -81,7 +81,9 @@ impl Reference<'_> {
                 l += 1;
             }
             e[k] = value;
-            psi[k] = row;
+            if slopes {
+                psi[k] = row;
+            }
             k += 1;
         }
         if let Some(out) = jacobian {

@@ -2,13 +2,12 @@
 
 use super::draw::{
     Base, HALF_CYCLE, LAST, N, REVERSALS, WARM_UP, chance, draw_loop, generator, inside_limits, log_uniform,
-    sd, uniform,
+    sd, sticking, uniform,
 };
 use super::{Scenario, Truth, reverses_beyond};
 use crate::sim::load::{Load, LoadKind};
 use crate::sim::plant::simulate;
 use crate::sim::sensor::SensorSpec;
-use crate::sim::valve::Friction;
 use rand_pcg::Pcg64Mcg;
 
 /// J as a share of S, in turn by seed.
@@ -38,12 +37,7 @@ pub fn calibration(seed: u64) -> Scenario {
 fn draw(rng: &mut Pcg64Mcg, seed: u64, jump: f64) -> (Scenario, bool) {
     let s = log_uniform(rng, 0.3, 8.0);
     let j = s * jump;
-    let resolution = uniform(rng, 0.003, 0.01);
-    let (model, friction) = if chance(rng, 0.5) {
-        ("Choudhury", Friction::Choudhury { s, j, resolution })
-    } else {
-        ("Kano", Friction::Kano { s, j, resolution })
-    };
+    let (model, friction) = sticking(rng, s, j);
     let Base { name, mut spec, pace } = draw_loop(rng, friction, MAX_DEAD);
     // A step of at least S gets the valve off its first stuck point.
     spec.sp = spec.pv0 + uniform(rng, 1.0, 2.0) * s * if chance(rng, 0.5) { 1.0 } else { -1.0 };
@@ -72,6 +66,7 @@ fn draw(rng: &mut Pcg64Mcg, seed: u64, jump: f64) -> (Scenario, bool) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sim::valve::Friction;
     use std::collections::BTreeMap;
 
     #[test]

@@ -33,6 +33,16 @@ pub(super) fn chance(rng: &mut Pcg64Mcg, p: f64) -> bool {
     rng.random::<f64>() < p
 }
 
+/// A valve that sticks, Choudhury's or Kano's, under its author's name.
+pub(super) fn sticking(rng: &mut Pcg64Mcg, s: f64, j: f64) -> (&'static str, Friction) {
+    let resolution = uniform(rng, 0.003, 0.01);
+    if chance(rng, 0.5) {
+        ("Choudhury", Friction::Choudhury { s, j, resolution })
+    } else {
+        ("Kano", Friction::Kano { s, j, resolution })
+    }
+}
+
 /// A loop at rest and what later draws need to know of it.
 pub(super) struct Base {
     /// Its class: flow, pressure, level or temperature.

@@ -2,7 +2,7 @@
 
 use super::draw::{
     Base, HALF_CYCLE, LAST, N, REVERSALS, WARM_UP, chance, draw_loop, generator, inside_limits, log_uniform,
-    sd, uniform,
+    sd, sticking, uniform,
 };
 use super::{Scenario, Truth, reverses_beyond};
 use crate::sim::load::{Load, LoadKind};
@@ -80,12 +80,7 @@ fn draw_sticky(rng: &mut Pcg64Mcg, seed: u64) -> Scenario {
     let deadband_only = chance(rng, 0.2);
     let j = if deadband_only { 0.0 } else { s * uniform(rng, 0.02, 1.0) };
     let noise_share = if chance(rng, 0.35) { 0.0 } else { noise_share(rng) };
-    let resolution = uniform(rng, 0.003, 0.01);
-    let (model, friction) = if chance(rng, 0.5) {
-        ("Choudhury", Friction::Choudhury { s, j, resolution })
-    } else {
-        ("Kano", Friction::Kano { s, j, resolution })
-    };
+    let (model, friction) = sticking(rng, s, j);
     let Base { name, mut spec, pace } = draw_loop(rng, friction, MAX_DEAD);
     // A step of at least S gets the valve off its first stuck point.
     spec.sp = spec.pv0 + uniform(rng, 1.0, 2.0) * s * if chance(rng, 0.5) { 1.0 } else { -1.0 };
