@@ -16,6 +16,9 @@ macro_rules! logged_in {
 mod limits;
 #[path = "endless/noise.rs"]
 mod noise;
+#[path = "../numerics/tests/common/parallel.rs"]
+#[expect(dead_code, reason = "each user takes a part")]
+mod parallel;
 #[path = "endless/rig.rs"]
 mod rig;
 

@@ -1,5 +1,6 @@
 //! Peers that send without end, and daemons as processes of their own.
 
+use super::parallel;
 use serde_json::Value;
 use std::fs;
 use std::io::{self, BufRead, BufReader, Read, Write};
@@ -17,6 +18,8 @@ use tokio_rustls::rustls::{ServerConfig, ServerConnection, StreamOwned};
 
 /// What is promised (bytes).
 pub const MOST: u64 = 32 << 20;
+/// Daemons of a protocol at once: most of the time each waits before it connects again.
+const AT_ONCE: usize = 3;
 /// Bytes sent at once.
 const PIECE: usize = 1 << 16;
 /// Longest wait; reached only when the test has failed.
@@ -125,12 +128,20 @@ fn folder() -> PathBuf {
     folder
 }
 
+/// A secret as a file. It is written once: a daemon may be reading it while another is made.
+fn secret() -> &'static Path {
+    static MADE: OnceLock<PathBuf> = OnceLock::new();
+    MADE.get_or_init(|| {
+        let file = folder().join("secret");
+        fs::write(&file, "whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSwMfKQ9r8GKYqrTwjU\n").expect("writable");
+        file
+    })
+}
+
 /// A configuration as a file, with what it names beside it.
 pub fn written(name: &str, text: &str) -> PathBuf {
     let path = folder().join(format!("{name}.toml"));
-    let secret = folder().join("secret");
-    fs::write(&secret, "whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSwMfKQ9r8GKYqrTwjU\n").expect("writable");
-    let text = text.replace("SECRET", &secret.display().to_string());
+    let text = text.replace("SECRET", &secret().display().to_string());
     let text = text.replace("CERT", &certificate().0.display().to_string());
     fs::write(&path, text.replace("FOLDER", &folder().join(name).display().to_string())).expect("writable");
     path
@@ -225,9 +236,10 @@ fn taken(name: &str, config: &str, wire: Wire, what: Flood) -> u64 {
 
 /// What such peers make a daemon hold, beyond one that says nothing.
 pub fn holds(name: &str, config: &str, wire: Wire, own: &[Flood]) {
-    let rest = taken(name, config, wire, NOTHING);
-    for what in own.iter().chain(&COMMON) {
-        let grown = taken(name, config, wire, *what).saturating_sub(rest);
+    let all: Vec<Flood> = [&[NOTHING][..], own, &COMMON].concat();
+    let held = parallel::on(AT_ONCE, &all, |what| taken(name, config, wire, *what));
+    for (what, most) in all.iter().zip(&held).skip(1) {
+        let grown = most.saturating_sub(held[0]);
         println!("{name:20} {:32} {:6.1} MiB beyond rest", what.name, grown as f64 / f64::from(1 << 20));
         assert!(grown < MOST, "{name}, {}: {grown} bytes beyond rest", what.name);
     }

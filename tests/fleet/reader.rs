@@ -35,6 +35,11 @@ async fn take(reading: &mut Reading, count: usize, done: impl Fn(u32) -> bool) -
 
 #[tokio::test]
 async fn what_was_given_and_not_done_comes_first_and_in_order() {
+    // Each waits until messages are given again.
+    tokio::join!(what_a_reader_leaves(), what_another_takes_away());
+}
+
+async fn what_a_reader_leaves() {
     let hub = Nats::hub();
     let link = connected(&hub, "").await;
     send(&link, 0..40).await;
@@ -47,16 +52,23 @@ async fn what_was_given_and_not_done_comes_first_and_in_order() {
     let mut second = link.read(EVENTS, "centre_c1", "").await.expect("the server is there");
     let left = (5..30).filter(|number| number % 3 != 0).chain(30..50).collect::<Vec<_>>();
     assert_eq!(take(&mut second, left.len(), |_| true).await, left);
+}
 
-    // A message that another took away is missed, and what comes after it is not taken before it.
+/// A message that another took away is missed, and what comes after it is not taken before it.
+async fn what_another_takes_away() {
+    let hub = Nats::hub();
+    let link = connected(&hub, "").await;
+    send(&link, 0..50).await;
+    let mut first = link.read(EVENTS, "centre_c1", "").await.expect("the server is there");
+    assert_eq!(take(&mut first, 50, |_| true).await, (0..50).collect::<Vec<_>>());
     send(&link, 50..51).await;
     let mut thief = link.share(EVENTS, "centre_c1", "", (PATIENCE, -1)).await.expect("the server is there");
     assert_eq!(take(&mut thief, 1, |_| false).await, [50]);
     send(&link, 51..53).await;
-    let missed = second.next(9, Duration::from_secs(1)).await.map(|messages| messages.len());
+    let missed = first.next(9, Duration::from_secs(1)).await.map(|messages| messages.len());
     assert!(missed.is_err_and(|error| error.to_string().contains("lost on its way")));
-    let mut third = link.read(EVENTS, "centre_c1", "").await.expect("the server is there");
-    assert_eq!(take(&mut third, 3, |_| true).await, [50, 51, 52]);
+    let mut second = link.read(EVENTS, "centre_c1", "").await.expect("the server is there");
+    assert_eq!(take(&mut second, 3, |_| true).await, [50, 51, 52]);
 }
 
 /// A server that is started begins to count from then, and gives what is new before what it had given: of what was given ten

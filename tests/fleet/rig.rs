@@ -14,8 +14,8 @@ use stictiond::fleet::config::Config;
 use stictiond::fleet::link::Link;
 use stictiond::serve::dto::parse_time;
 
-/// Time between two diagnoses of a loop, where there are 20 (s).
-pub const PERIOD_S: usize = 10;
+/// Time between two diagnoses of a loop, where there are 20 and nothing else is said (s).
+const PERIOD_S: usize = 10;
 /// Far longer than anything takes even on a busy machine, where there are 20 loops.
 pub const PATIENCE: Duration = Duration::from_secs(120);
 /// The sites.
@@ -31,6 +31,8 @@ pub struct Fleet {
     pub leaves: Vec<Nats>,
     /// How often each loop of a plant is there.
     pub copies: usize,
+    /// Time between two diagnoses of a loop, for each plant that there is (s).
+    pub period_s: usize,
     /// `cut_off_after_s` of edges and centres, where it is not the default.
     pub cut_off_after_s: Option<f64>,
 }
@@ -46,7 +48,8 @@ impl Fleet {
         let sites = sites.clamp(1, SITES.len());
         let hub = Nats::hub();
         let leaves = (0..sites).map(|_| Nats::leaf(&hub)).collect();
-        Self { folder: folder(name), hub, leaves, copies: copies.max(1), cut_off_after_s: None }
+        let (folder, copies) = (folder(name), copies.max(1));
+        Self { folder, hub, leaves, copies, period_s: PERIOD_S, cut_off_after_s: None }
     }
 
     pub fn sites(&self) -> &'static [&'static str] {
@@ -78,7 +81,7 @@ impl Fleet {
         let text = demo.config().replace(&demo.address().to_string(), "127.0.0.1:0");
         let period = text.find("period_s").expect("there");
         let line = period..period + text[period..].find('\n').expect("a line");
-        let text = text.replacen(&text[line], &format!("period_s = {}", PERIOD_S * self.plants()), 1);
+        let text = text.replacen(&text[line], &format!("period_s = {}", self.period_s * self.plants()), 1);
         let mut text = copied(&text, self.copies);
         if let Some(audit) = demo.audit() {
             // The demo writes its own.

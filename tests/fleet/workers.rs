@@ -188,7 +188,9 @@ async fn no_worker_is_asked_for_a_loop_that_may_be_written_to() {
     use std::collections::BTreeSet;
     use stictiond::demo::{Demo, Options, WRITEBACK_SPEED};
 
-    let fleet = Fleet::sized("kept", 1, 1);
+    let mut fleet = Fleet::sized("kept", 1, 1);
+    // Without samples a diagnosis takes no time, and every loop has to be diagnosed twice.
+    fleet.period_s = 3;
     let _link = connected(&fleet.hub, "").await;
     let wire = Wire::at(&fleet.hub).await;
     let worker = fleet.worker("w1");

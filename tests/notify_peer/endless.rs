@@ -1,6 +1,7 @@
 //! Servers that send without end to whoever brings a message.
 
 use super::rig::{Daemon, plant};
+use futures::future::join_all;
 use std::io::{Read, Write};
 use std::net::TcpListener;
 use std::sync::mpsc::{Receiver, channel};
@@ -52,11 +53,13 @@ async fn given_up(what: &str, text: &str, told: Receiver<u64>) {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn mail_servers_without_end_are_given_up() {
-    for (what, first, then) in [
+    let servers = [
         ("a greeting without a line end", "220 ", "a"),
         ("lines without end", "", "220-still\r\n"),
         ("an answer without end", "220 here\r\n", "250-more\r\n"),
-    ] {
+    ];
+    // Each has a daemon of its own, and most of the time is waiting.
+    let met = servers.map(|(what, first, then)| async move {
         let (port, told) = endless(first, then);
         let text = format!(
             "[[notify.smtp]]\nname = 'm'\naddress = '127.0.0.1:{port}'\nsecurity = 'none'\ntimeout_s = 12.0\n\
@@ -64,7 +67,8 @@ async fn mail_servers_without_end_are_given_up() {
             RETRY.replace("KIND", "smtp")
         );
         given_up(what, &text, told).await;
-    }
+    });
+    join_all(met).await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

@@ -62,15 +62,17 @@ pub fn complete(samples: &[Sample], wish: &Wish, step: u64) {
 
 #[tokio::test]
 async fn a_server_restarted_in_the_middle_costs_nothing_and_repeats_nothing() {
-    for (newest_first, more) in [(false, &[][..]), (true, &["--cap", "70"][..])] {
-        let args = [&["--history", "--backlog", "120"], more].concat();
-        let server = Server::start(&args).await;
-        let plan = plan(&config(server.port, "reconnect_max_ms = 1000"), &[COUNTER.into()]);
-        let wish = wish(newest_first);
-        let mut taker = Taker { server: Some(server), restart_before: Some(2), ..Taker::default() };
-        history(&plan, &wish, &Pinned::default(), &mut taker).await.expect("it is read");
-        complete(&taker.samples(0, &wish), &wish, 1);
-    }
+    tokio::join!(restarted_in_the_middle(false, &[]), restarted_in_the_middle(true, &["--cap", "70"]));
+}
+
+async fn restarted_in_the_middle(newest_first: bool, more: &[&str]) {
+    let args = [&["--history", "--backlog", "120"], more].concat();
+    let server = Server::start(&args).await;
+    let plan = plan(&config(server.port, "reconnect_max_ms = 1000"), &[COUNTER.into()]);
+    let wish = wish(newest_first);
+    let mut taker = Taker { server: Some(server), restart_before: Some(2), ..Taker::default() };
+    history(&plan, &wish, &Pinned::default(), &mut taker).await.expect("it is read");
+    complete(&taker.samples(0, &wish), &wish, 1);
 }
 
 #[tokio::test]
