@@ -107,11 +107,21 @@ pub fn of_source(op: &[Sample], pv: &[Sample]) -> Option<Lattice> {
     };
     let mut tried = (1..=4).filter_map(|part| Lattice::with(&both, shortest / f64::from(part)));
     let lattice = tried.find(|lattice| !far(lattice))?;
-    let of_changes = |series: &[Sample]| series.windows(2).all(|w| w[0].value != w[1].value);
     let thinned = |series: &[Sample]| series.len() as f64 <= ON_CHANGE * both.len() as f64;
     let is_source = of_changes(op) && of_changes(pv) && (thinned(op) || thinned(pv));
     let polled = in_turns(op, pv, both.len(), &lattice) || [op, pv].iter().any(|tag| in_step(tag, &lattice));
     (is_source && !polled && apart(op, &lattice) && apart(pv, &lattice)).then_some(lattice)
+}
+
+/// Whether no sample of a tag repeats the one before.
+fn of_changes(series: &[Sample]) -> bool {
+    series.windows(2).all(|w| w[0].value != w[1].value)
+}
+
+/// Whether only a tag's changes were reported, so that it stood still at the rows without a sample: none repeats the one before,
+/// none is small, and they come at no pace of their own.
+pub fn reports_changes(series: &[Sample], lattice: &Lattice) -> bool {
+    of_changes(series) && !in_step(series, lattice) && apart(series, lattice)
 }
 
 /// Whether OP and PV have a stamp in common more seldom than chance gives: a controller whose OP and PV change reports both at

@@ -1,6 +1,6 @@
 //! On which rows the samples of a record lie.
 
-use super::lattice::{Lattice, period};
+use super::lattice::{Lattice, period, reports_changes};
 use super::scan::Scan;
 use crate::signal::Sample;
 
@@ -95,20 +95,24 @@ impl Placed {
         if self.of_changes() || matches!(self.pv, Way::Scan(_)) {
             return 0.0;
         }
-        let stamps =
-            |kept: &[Sample]| -> Vec<Sample> { kept.iter().map(|s| Sample { value: s.t, ..*s }).collect() };
-        let (op, pv) = (self.op(&stamps(op), from, n), self.pv(&stamps(pv), from, n));
         let period = self.rows.period;
-        // A PV that is recorded late was read so much before its stamp.
-        let late = self.pv_late as f64 * period;
+        let row = |k: usize| self.rows.time(from as f64 + k as f64);
+        // A tag that is recorded so many rows late was read so much before its stamp.
+        let read = |way: Way, kept: &[Sample], late: usize| -> Vec<Option<f64>> {
+            let before = late as f64 * period;
+            let stamps: Vec<Sample> = kept.iter().map(|s| Sample { value: s.t - before, ..*s }).collect();
+            let placed = self.placed(way, &stamps, from + late as i64, n).into_iter().enumerate();
+            // What is reported when it changes is known at every row.
+            let known = matches!(way, Way::Held(_)) && reports_changes(kept, &self.rows);
+            placed.map(|(k, t)| if known { t.map(|_| row(k)) } else { t }).collect()
+        };
+        let (op, pv) = (read(self.op, op, 0), read(self.pv, pv, self.pv_late));
         let is_held = matches!(self.pv, Way::Held(_));
         let apart = |(k, op, pv): (usize, f64, f64)| {
-            let row = self.rows.time(from as f64 + k as f64);
-            (op - pv).abs() >= APART * period || is_held && row - pv > 0.5 * period
+            (op - pv).abs() >= APART * period || is_held && row(k) - pv > 0.5 * period
         };
         let both = op.iter().zip(&pv).enumerate();
-        let both: Vec<bool> =
-            both.filter_map(|(k, (op, pv))| Some(apart((k, (*op)?, (*pv)? - late)))).collect();
+        let both: Vec<bool> = both.filter_map(|(k, (op, pv))| Some(apart((k, (*op)?, (*pv)?)))).collect();
         both.iter().filter(|apart| **apart).count() as f64 / both.len().max(1) as f64
     }
 

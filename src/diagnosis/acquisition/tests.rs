@@ -172,6 +172,30 @@ fn what_is_read_in_turns_is_no_change_that_a_controller_reports() {
 }
 
 #[test]
+fn an_op_that_is_reported_when_it_changes_is_known_at_every_scan() {
+    // Stamps a hundredth of a scan off, so that they are no source's; OP goes on at three scans of seven.
+    let goes_on = |k: usize| matches!(k % 7, 0 | 3 | 5);
+    let t = |k: usize| k as f64 + 0.02 * ((k * 31 % 17) as f64 / 17.0 - 0.5);
+    let pv: Vec<Sample> = (0..900).map(|k| Sample::good(t(k), (k as f64 * 0.37).sin())).collect();
+    let mut op = vec![Sample::good(t(0), 50.0)];
+    for k in (1..900).filter(|k| goes_on(*k)) {
+        // A step of the converter up or down.
+        let up = if (k / 40).is_multiple_of(2) { 0.1 } else { -0.1 };
+        op.push(Sample::good(t(k), op[op.len() - 1].value + up));
+    }
+    let (_, placed) = recognise(&op, &pv, None, None).expect("stamps give a period");
+    assert!(placed.read_apart(&op, &pv, 0, 880) < 0.01, "{}", placed.read_apart(&op, &pv, 0, 880));
+    // Samples of a ramp that were lost are no changes that were not there: now and then OP says the same twice.
+    let mut lost: Vec<Sample> =
+        (0..900).filter(|k| goes_on(*k)).map(|k| Sample::good(t(k), k as f64)).collect();
+    for k in (20..lost.len()).step_by(20) {
+        lost[k].value = lost[k - 1].value;
+    }
+    let (_, placed) = recognise(&lost, &pv, None, None).expect("stamps give a period");
+    assert!(placed.read_apart(&lost, &pv, 0, 880) > 0.3, "{}", placed.read_apart(&lost, &pv, 0, 880));
+}
+
+#[test]
 fn registers_that_are_held_may_be_read_in_turns() {
     let scans = scans(400, 2.0);
     let mut record = acquire(&scans, &How::Polled(Poll { phase: 0.2, ..Poll::every(0.5) }), 8);
