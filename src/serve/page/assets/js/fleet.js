@@ -97,7 +97,9 @@ export function fleetView(main, _parts, query) {
       arrange();
       // What had the focus may be gone.
       box.focus({ preventScroll: true });
-    } else if (group !== null) list.scrollIntoView({ block: "nearest" });
+    }
+    // Also where a fleet has one site: its units are pressed at once.
+    if (group !== null) list.scrollIntoView({ block: "nearest" });
     find(null);
   }
 
