@@ -125,6 +125,14 @@ fn what_an_excel_97_workbook_says_of_its_size_is_not_believed() {
 }
 
 #[test]
+fn an_excel_97_workbook_with_a_password_is_refused_as_one() {
+    // What stands behind this record, the size of the sheet too, is encrypted.
+    let book = |how: u8| compound(&stream_of(1 << 30, &|_| record(0x002f, &[how, 0, 1, 0]), &name, &[]));
+    is_refused(&book(1), "a workbook that is encrypted with a password");
+    is_refused(&book(0), "sheet \"S\" says it has 3221225472 cells");
+}
+
+#[test]
 fn sectors_of_an_excel_97_workbook_that_run_in_a_circle_are_refused() {
     let stream = stream(4, &[]);
     for follows in [1, NO_SECTOR, 99] {

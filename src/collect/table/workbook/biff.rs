@@ -24,7 +24,9 @@ const OF_A_CHARACTER: u64 = 6;
 /// Bytes that move for each part of the shared texts when one is taken: the places of those behind it.
 const PLACE: u64 = 16;
 
-/// Records: begin and end of a part, a sheet's place, names of cells, the texts that cells share and what continues them.
+/// Records: how what follows is encrypted, begin and end of a part, a sheet's place, names of cells, the texts that cells share and
+/// what continues them.
+const ENCRYPTED: u16 = 0x002f;
 const BEGIN_OF_PART: u16 = 0x0809;
 const END_OF_PART: u16 = 0x000a;
 const SHEET: u16 = 0x0085;
@@ -49,6 +51,9 @@ pub fn look(book: &[u8], own: u64) -> Result<(), TableError> {
 }
 
 fn wrong(book: &[u8], own: u64) -> Option<String> {
+    if is_encrypted(book) {
+        return Some("that is encrypted with a password: take it off".to_string());
+    }
     let shared = Shared::of(book);
     let mut made = Written { text: 0, moved: shared.moved };
     if made.moved > limits::moved(own) {
@@ -103,6 +108,11 @@ fn records(stream: &[u8]) -> impl Iterator<Item = (u16, &[u8])> {
 /// The records before the sheets.
 fn globals(book: &[u8]) -> impl Iterator<Item = (u16, &[u8])> {
     records(book).take_while(|(kind, _)| *kind != END_OF_PART)
+}
+
+/// Whether the records are encrypted: then the library refuses the workbook, and no size in them means anything.
+fn is_encrypted(book: &[u8]) -> bool {
+    globals(book).any(|(kind, data)| kind == ENCRYPTED && u16_at(data, 0).is_some_and(|how| how != 0))
 }
 
 /// Where each sheet begins, and its name.
