@@ -49,6 +49,8 @@ mod told;
 mod unlisted;
 #[path = "exports/workbooks.rs"]
 mod workbooks;
+#[path = "exports/written.rs"]
+mod written;
 
 use std::path::{Path, PathBuf};
 use stictiond::collect::table::{Options, Source, Table, read};

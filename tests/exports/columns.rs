@@ -1,4 +1,4 @@
-//! Parquet as other programs write it.
+//! Parquet of every kind of value, written here; `written` has files of other programs.
 
 use super::{bits, example, scratch};
 use parquet::basic::{BrotliLevel, Compression, GzipLevel, ZstdLevel};
