@@ -22,7 +22,7 @@ mod undersampling;
 pub mod validation;
 pub mod verdict;
 
-pub use acquisition::Acquisition;
+pub use acquisition::{Acquisition, Apart};
 pub use config::Config;
 pub use history_kind::{HistoryFound, HistoryKind};
 pub use verdict::diagnose;
@@ -30,9 +30,6 @@ pub use verdict::diagnose;
 use crate::signal::Window;
 use rivals::Rival;
 use std::fmt;
-
-/// Largest share of the rows that may be read apart in a record that says no: with one in four the others still decide.
-const MOST_READ_APART: f64 = 0.25;
 
 /// Thresholds and sizes of a diagnosis; the defaults are what every published result uses.
 #[derive(Clone, Debug, PartialEq)]
@@ -296,8 +293,8 @@ pub struct Preparation {
     pub missing: f64,
     /// Worst time between an OP sample and the PV sample it is paired with (s).
     pub worst_skew: f64,
-    /// Share of the gated record's rows with OP and PV that are no reading of both at one time (0..1).
-    pub read_apart: f64,
+    /// How far apart OP and PV of the gated record's rows were read.
+    pub read_apart: Apart,
     /// Samples dropped because their stamp repeats an earlier one.
     pub duplicates: usize,
     /// Samples that arrived out of order and were sorted in.
@@ -320,8 +317,8 @@ impl Preparation {
     /// Why the record cannot say that a valve does not stick, nor how much it may: OP and PV of too many rows were read apart. What
     /// the controller did in between explains PV without any stem, so that a bound from such rows is too low.
     pub fn apart(&self) -> Option<NotIdentifiable> {
-        let share = self.read_apart;
-        (share > MOST_READ_APART).then_some(NotIdentifiable::ReadApart { share })
+        let Apart { share, .. } = self.read_apart;
+        self.read_apart.is_too_far(self.decimation).then_some(NotIdentifiable::ReadApart { share })
     }
 }
 

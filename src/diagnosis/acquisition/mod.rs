@@ -12,7 +12,7 @@ mod scan;
 
 pub use late::rows_late;
 pub use lattice::period;
-pub use place::Placed;
+pub use place::{Apart, Placed};
 
 use super::history_kind::{HistoryFound, HistoryKind};
 use crate::signal::Sample;

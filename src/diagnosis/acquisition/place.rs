@@ -10,8 +10,27 @@ const NEAR_SCAN: f64 = 0.06;
 const OWN_PERIOD: f64 = 0.1;
 /// Own periods for which a slower tag is held.
 const HELD_FOR: f64 = 1.6;
+/// Share of the rows that may be read apart in a record that says no: with one in four the others still decide.
+const MOST_READ_APART: f64 = 0.25;
 /// Part of a row's period by which OP and PV of one row are read apart: the controller has most likely acted in between.
 const APART: f64 = 0.25;
+
+/// How far apart OP and PV of the rows were read.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Apart {
+    /// Share of the rows with OP and PV that are no reading of both at one time (0..1).
+    pub share: f64,
+    /// Distance that [`MOST_READ_APART`] of these rows reach (rows).
+    pub rows: f64,
+}
+
+impl Apart {
+    /// Whether they are too far for a record that says no, of which each fitted row has so many: readings that are far apart for a
+    /// fast poll are near each other in a row of many polls.
+    pub fn is_too_far(&self, decimation: usize) -> bool {
+        self.rows >= APART * decimation.max(1) as f64
+    }
+}
 
 /// How a tag's samples become rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -86,14 +105,14 @@ impl Placed {
         }
     }
 
-    /// The share of the rows with OP and PV (0..1) that are no reading of both at one time: the two were read a quarter of a period or
-    /// more from each other, or PV is one that an earlier row has. 0 on the controller's ticks, where registers are held.
+    /// How far the readings of OP and PV of one row are from each other, or PV from its row where it is one that an earlier row has;
+    /// nothing on the controller's ticks, where registers are held.
     ///
     /// Between the two readings the controller may have acted. Where OP was read later, it answers a PV that is not in the
     /// record, so that OP seems to cause PV exactly; where it was read earlier, PV answers within the row.
-    pub fn read_apart(&self, op: &[Sample], pv: &[Sample], from: i64, n: usize) -> f64 {
+    pub fn read_apart(&self, op: &[Sample], pv: &[Sample], from: i64, n: usize) -> Apart {
         if self.of_changes() || matches!(self.pv, Way::Scan(_)) {
-            return 0.0;
+            return Apart::default();
         }
         let period = self.rows.period;
         let row = |k: usize| self.rows.time(from as f64 + k as f64);
@@ -108,12 +127,18 @@ impl Placed {
         };
         let (op, pv) = (read(self.op, op, 0), read(self.pv, pv, self.pv_late));
         let is_held = matches!(self.pv, Way::Held(_));
-        let apart = |(k, op, pv): (usize, f64, f64)| {
-            (op - pv).abs() >= APART * period || is_held && row(k) - pv > 0.5 * period
+        let distance = |(k, op, pv): (usize, f64, f64)| {
+            // A PV of an earlier row is as old as it is, whenever OP was read.
+            let old = if is_held { row(k) - pv } else { 0.0 };
+            (op - pv).abs().max(if old > 0.5 * period { old } else { 0.0 }) / period
         };
         let both = op.iter().zip(&pv).enumerate();
-        let both: Vec<bool> = both.filter_map(|(k, (op, pv))| Some(apart((k, (*op)?, (*pv)?)))).collect();
-        both.iter().filter(|apart| **apart).count() as f64 / both.len().max(1) as f64
+        let mut rows: Vec<f64> =
+            both.filter_map(|(k, (op, pv))| Some(distance((k, (*op)?, (*pv)?)))).collect();
+        rows.sort_by(f64::total_cmp);
+        let apart = rows.len() - rows.partition_point(|rows| *rows < APART);
+        let most = ((1.0 - MOST_READ_APART) * rows.len() as f64) as usize;
+        Apart { share: apart as f64 / rows.len().max(1) as f64, rows: rows.get(most).copied().unwrap_or(0.0) }
     }
 
     /// The row that a sample at this time belongs to.

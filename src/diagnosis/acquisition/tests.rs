@@ -158,17 +158,17 @@ fn what_is_read_in_turns_is_no_change_that_a_controller_reports() {
         let (found, placed) = recognise(&op, &pv, None, None).expect("stamps give a period");
         assert!(!found.recovered, "{name}");
         // Of blocks no row has both.
-        let apart = placed.read_apart(&op, &pv, 0, 280);
+        let apart = placed.read_apart(&op, &pv, 0, 280).share;
         assert!((apart - expected).abs() < 0.01, "{name}: {apart}");
     }
     // Rows that are asked for between the samples have no reading of their own.
     let (op, pv) = (tag(|_| true), tag(|_| true));
     let (_, placed) = recognise(&op, &pv, Some(0.5), None).expect("a period is given");
-    assert!((placed.read_apart(&op, &pv, 0, 280) - 0.5).abs() < 0.01);
+    assert!((placed.read_apart(&op, &pv, 0, 280).share - 0.5).abs() < 0.01);
     // A tenth of a period hardly leaves the controller time to act.
     let late: Vec<Sample> = op.iter().map(|s| Sample { t: s.t + 0.1, ..*s }).collect();
     let (_, placed) = recognise(&late, &pv, None, None).expect("stamps give a period");
-    assert_eq!(placed.read_apart(&late, &pv, 0, 280), 0.0);
+    assert_eq!(placed.read_apart(&late, &pv, 0, 280).share, 0.0);
 }
 
 #[test]
@@ -184,7 +184,8 @@ fn an_op_that_is_reported_when_it_changes_is_known_at_every_scan() {
         op.push(Sample::good(t(k), op[op.len() - 1].value + up));
     }
     let (_, placed) = recognise(&op, &pv, None, None).expect("stamps give a period");
-    assert!(placed.read_apart(&op, &pv, 0, 880) < 0.01, "{}", placed.read_apart(&op, &pv, 0, 880));
+    let apart = placed.read_apart(&op, &pv, 0, 880);
+    assert!(apart.share < 0.01, "{apart:?}");
     // Samples of a ramp that were lost are no changes that were not there: now and then OP says the same twice.
     let mut lost: Vec<Sample> =
         (0..900).filter(|k| goes_on(*k)).map(|k| Sample::good(t(k), k as f64)).collect();
@@ -192,7 +193,8 @@ fn an_op_that_is_reported_when_it_changes_is_known_at_every_scan() {
         lost[k].value = lost[k - 1].value;
     }
     let (_, placed) = recognise(&lost, &pv, None, None).expect("stamps give a period");
-    assert!(placed.read_apart(&lost, &pv, 0, 880) > 0.3, "{}", placed.read_apart(&lost, &pv, 0, 880));
+    let apart = placed.read_apart(&lost, &pv, 0, 880);
+    assert!(apart.share > 0.3, "{apart:?}");
 }
 
 #[test]
@@ -212,7 +214,10 @@ fn registers_that_are_held_may_be_read_in_turns() {
     assert!(found.recovered);
     let from = placed.row_of(record.pv[0].t) as i64;
     let rows = [placed.op(&record.op, from, 390), placed.pv(&record.pv, from, 390)];
-    assert_eq!((in_step(&scans, &rows), placed.read_apart(&record.op, &record.pv, from, 390)), (1.0, 0.0));
+    assert_eq!(
+        (in_step(&scans, &rows), placed.read_apart(&record.op, &record.pv, from, 390).share),
+        (1.0, 0.0)
+    );
 }
 
 #[test]

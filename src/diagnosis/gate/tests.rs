@@ -94,9 +94,13 @@ fn tags_that_are_read_apart_are_told() {
     let record = Record { op: joined(both.op, apart.op), pv: joined(both.pv, apart.pv), ..Record::default() };
     assert!(matches!(reason(&record), NotIdentifiable::ReadApart { share } if (0.8..0.9).contains(&share)));
     let (_, p) = gate(&in_blocks(1.0), &Settings::default()).expect("each row has both, read apart");
-    assert_eq!((p.read_apart, p.apart()), (1.0, Some(NotIdentifiable::ReadApart { share: 1.0 })));
+    assert_eq!((p.read_apart.share, p.apart()), (1.0, Some(NotIdentifiable::ReadApart { share: 1.0 })));
     let (_, p) = gate(&wave(600, 1.0), &Settings::default()).expect("passes");
-    assert_eq!((p.read_apart, p.apart()), (0.0, None));
+    assert_eq!((p.read_apart.share, p.apart()), (0.0, None));
+    // In a fitted row of four polls the two are near each other.
+    let (_, p) = gate(&in_blocks(1.0), &Settings::default()).expect("each row has both, read apart");
+    let of = |decimation: usize| Preparation { decimation, ..p.clone() }.apart().is_some();
+    assert_eq!([of(1), of(5)], [true, false], "{:?}", p.read_apart);
 }
 
 #[test]

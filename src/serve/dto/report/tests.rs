@@ -1,6 +1,7 @@
 use super::*;
 use crate::diagnosis::{
-    Acquisition, CurvePoint, Denoise, Estimate, Model, NotIdentifiable, Oscillation, Preparation, Residual,
+    Acquisition, Apart, CurvePoint, Denoise, Estimate, Model, NotIdentifiable, Oscillation, Preparation,
+    Residual,
 };
 use crate::residual::Kind;
 use crate::signal::Window;
@@ -25,7 +26,7 @@ fn sticky(op: Vec<f64>) -> Diagnosis {
                 pv_late_s: 0.0,
             })),
             worst_skew: 0.0,
-            read_apart: 0.0,
+            read_apart: Apart::default(),
             duplicates: 0,
             out_of_order: 0,
             decimation: 1,
