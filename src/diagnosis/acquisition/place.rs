@@ -20,7 +20,7 @@ const APART: f64 = 0.25;
 pub struct Apart {
     /// Share of the rows with OP and PV that are no reading of both at one time (0..1).
     pub share: f64,
-    /// Distance that [`MOST_READ_APART`] of these rows reach (rows).
+    /// Distance that a quarter of these rows reach (rows).
     pub rows: f64,
 }
 
