@@ -12,6 +12,7 @@
 
 use super::hypothesis::Hypothesis;
 use super::valve_search::hidden;
+use crate::diagnosis::verdict::FAST;
 use crate::sysid::arx::Arx;
 use crate::sysid::criterion::TEMPERING;
 use crate::sysid::iddata::IdData;
@@ -24,8 +25,6 @@ const THRESHOLD_95: f64 = 7.35;
 const STEPS: [f64; 18] = [
     0.001, 0.002, 0.004, 0.007, 0.012, 0.02, 0.03, 0.05, 0.08, 0.12, 0.18, 0.27, 0.4, 0.6, 0.9, 1.3, 1.9, 2.7,
 ];
-/// The quantile of OP's steps that is fast.
-const FAST: f64 = 0.95;
 /// Steps beyond the last value inside after which the search to one side ends.
 const BEYOND: usize = 4;
 
