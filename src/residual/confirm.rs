@@ -25,6 +25,7 @@ use super::held_out::{judge, without};
 use super::hypotheses::load::oscillating_load::Oscillating;
 use super::hypotheses::{ALL, Propose, again};
 use super::hypothesis::Hypothesis;
+use super::interval::without_model_error;
 use super::posterior::{class, log_prior};
 use super::report::{lasts, report, scaled};
 use super::response::evidence;
@@ -97,10 +98,11 @@ pub fn confirm(
 }
 
 /// Whether f is the last valve's, as far as the two windows can tell: the difference of two estimates with one variance has an
-/// interval √2 times as wide as theirs.
+/// interval √2 times as wide as theirs, without the error of the models, which they have in common.
 fn stays(last: &ValveModel, now: &Friction) -> bool {
     let apart = last.f() - now.f;
-    let limit = if apart > 0.0 { now.f_ci95[1] - now.f } else { now.f - now.f_ci95[0] };
+    let [low, high] = without_model_error(now.f, now.f_ci95);
+    let limit = if apart > 0.0 { high - now.f } else { now.f - low };
     (now.f / last.f()).ln().abs() <= STAYS.ln() || apart.abs() <= SQRT_2 * limit
 }
 
@@ -268,12 +270,15 @@ fn needed(data: &IdData, best: &Fitted) -> Result<Vec<(Evidence, f64)>, usize> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::interval::beside_model_error;
     use super::*;
 
     #[test]
     fn f_stays_within_a_tenth_or_within_what_two_windows_can_tell() {
         let last = ValveModel { s: 2.0, ..ValveModel::default() };
-        let now = |f: f64, half: f64| Friction { f, f_ci95: [f - half, f + half], ..Friction::default() };
+        let now = |f: f64, half: f64| {
+            Friction { f, f_ci95: beside_model_error(f, [f - half, f + half]), ..Friction::default() }
+        };
         assert!(stays(&last, &now(1.09, 0.0)) && stays(&last, &now(0.92, 0.0)));
         assert!(!stays(&last, &now(1.2, 0.1)) && stays(&last, &now(1.2, 0.15)));
         assert!(!stays(&last, &now(0.8, 0.1)) && stays(&last, &now(0.8, 0.15)));
