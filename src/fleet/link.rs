@@ -30,7 +30,7 @@ const UNDER_WAY: usize = 128;
 /// Messages that are asked for at once. What comes for all readers together is to be less than
 /// [`MOST_ANSWER`](super::ops::MOST_ANSWER).
 const PORTION: usize = 32;
-/// The same of messages that may be as large as any: what machines say of themselves.
+/// The same of what machines say of themselves, of which parts of lists of loops are larger than most messages.
 const LARGE: usize = 1;
 /// Bytes after which no more are asked for before those are taken.
 const HELD: usize = 1 << 23;

@@ -327,6 +327,23 @@ pub struct Action {
     pub since: Option<f64>,
 }
 
+/// A part of what an edge is: some of the bytes of a [`Hello`].
+#[derive(Clone, PartialEq, Message)]
+pub struct HelloPart {
+    /// Digest of the whole: parts of one announcement have the same.
+    #[prost(bytes = "vec", tag = "1")]
+    pub whole: Vec<u8>,
+    /// Its number among the parts, from 0.
+    #[prost(uint32, tag = "2")]
+    pub number: u32,
+    /// How many parts there are.
+    #[prost(uint32, tag = "3")]
+    pub count: u32,
+    /// Its bytes.
+    #[prost(bytes = "bytes", tag = "4")]
+    pub body: Bytes,
+}
+
 /// What an edge is.
 #[derive(Clone, PartialEq, Message)]
 pub struct Hello {

@@ -8,6 +8,7 @@
 use super::config::Config;
 use super::login;
 use super::ops::{LOG, MOST_LINE, Refused, Watch};
+use crate::dial;
 use async_nats::{Event, ServerAddr};
 use serde_json::{Map, Value};
 use std::io;
@@ -23,7 +24,7 @@ use tokio_rustls::client::TlsStream;
 use tokio_rustls::rustls::pki_types::ServerName;
 use tokio_util::sync::{CancellationToken, DropGuard};
 
-/// Longest wait for one address of a server.
+/// Longest wait for one of a server's addresses to answer.
 const REACHED: Duration = Duration::from_secs(2);
 /// Longest time until both have said who they are.
 const BEGUN: Duration = Duration::from_secs(10);
@@ -279,19 +280,11 @@ impl Between {
 /// Connects to the first address of a server that answers.
 async fn reach(at: &ServerAddr) -> Result<TcpStream, String> {
     let nowhere = |error: io::Error| format!("its name has no address: {error}");
-    let addresses = lookup_host((at.host(), at.port())).await.map_err(nowhere)?;
-    let mut why = "its name has no address".to_string();
-    for address in addresses {
-        why = match timeout(REACHED, TcpStream::connect(address)).await {
-            Ok(Ok(far)) => {
-                let _ = far.set_nodelay(true);
-                return Ok(far);
-            }
-            Ok(Err(error)) => format!("no connection: {error}"),
-            Err(_) => format!("no connection within {} s", REACHED.as_secs()),
-        };
+    let addresses: Vec<SocketAddr> = lookup_host((at.host(), at.port())).await.map_err(nowhere)?.collect();
+    match timeout(REACHED, dial::to(addresses.as_slice())).await {
+        Ok(dialled) => dialled.map_err(|error| format!("no connection: {error}")),
+        Err(_) => Err(format!("no connection within {} s", REACHED.as_secs())),
     }
-    Err(why)
 }
 
 /// The first line of what comes, and what came with it.

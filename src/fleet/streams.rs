@@ -13,7 +13,7 @@ pub const WINDOWS: &str = "stictiond_windows";
 pub const EVENTS: &str = "stictiond_events";
 /// What people at the centre did about alarms; when it is full nothing more can be done.
 pub const ACTIONS: &str = "stictiond_actions";
-/// The latest message of each edge, worker and centre, and the lease.
+/// The latest message of each edge, worker and centre, of what an edge is the latest of each part, and the lease.
 pub const LATEST: &str = "stictiond_latest";
 
 /// Subject of the lease.
@@ -30,6 +30,9 @@ const WINDOW_BYTES: i64 = 256_000_000;
 const ACTION_BYTES: i64 = 64_000_000;
 /// Most bytes of the latest messages: 100,000 loops take about 30 MB.
 const LATEST_BYTES: i64 = 256_000_000;
+/// Most bytes of one of the latest messages: twice a part of an edge's list, which is the longest. Who asks for one has it as text,
+/// a third longer, and one that were longer than an answer may be then would end the connection each time.
+const LATEST_MESSAGE: i32 = 1 << 19;
 
 /// All streams, with the room that a configuration gives them.
 pub fn of(config: &Config) -> [stream::Config; 5] {
@@ -70,6 +73,7 @@ pub fn of(config: &Config) -> [stream::Config; 5] {
         stream::Config {
             discard: DiscardPolicy::Old,
             max_messages_per_subject: 1,
+            max_message_size: LATEST_MESSAGE,
             ..base(LATEST, latest, LATEST_BYTES)
         },
     ]
@@ -91,12 +95,13 @@ mod tests {
         // A server refuses a stream that forgets ids later than messages.
         let all = [&samples, &windows, &events, &actions, &latest];
         assert!(all.iter().all(|own| own.max_age.is_zero() || own.duplicate_window <= own.max_age));
-        assert_eq!(latest.max_messages_per_subject, 1);
+        assert_eq!((latest.max_messages_per_subject, latest.max_message_size), (1, 524_288));
         // Every kind of message but the answer, which an edge waits for, is in exactly one stream.
         let all: Vec<String> =
             [samples, windows, events, actions, latest].into_iter().flat_map(|s| s.subjects).collect();
         for what in What::ALL.into_iter().filter(|what| *what != What::Answer) {
-            assert_eq!(all.iter().filter(|own| own.ends_with(what.as_str())).count(), 1, "{what:?}");
+            let subjects = crate::fleet::subject::all(None, what);
+            assert_eq!(all.iter().filter(|own| **own == subjects).count(), 1, "{what:?}");
         }
     }
 }

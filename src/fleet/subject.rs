@@ -1,4 +1,4 @@
-//! Names on the wire: `stictiond.v1.<site>.<loop>.<what>`.
+//! Names on the wire: `stictiond.v1.<site>.<loop>.<what>`, and `stictiond.v1.<site>.<edge>.hello.<part>`.
 
 use std::fmt::{self, Write as _};
 
@@ -24,7 +24,8 @@ pub enum What {
     Alarm,
     /// What somebody at the centre did about an alarm, [`Action`](super::message::Action).
     Action,
-    /// What an edge is, [`Hello`](super::message::Hello); the edge's name stands in the loop's place.
+    /// A part of what an edge is, [`HelloPart`](super::message::HelloPart); the edge's name stands in the loop's place, and the
+    /// number of the part at the end.
     Hello,
     /// That an edge or a worker is there, [`Pulse`](super::message::Pulse); its name stands in the loop's place.
     Pulse,
@@ -79,11 +80,19 @@ impl Subject {
         Self { site: site.to_string(), name: name.to_string(), what }
     }
 
-    /// A subject as it is written; `None` for another's.
+    /// Where a part of it is sent to that has this number.
+    pub fn part(&self, number: u32) -> String {
+        format!("{self}.{number}")
+    }
+
+    /// A subject as it is written; `None` for another's. The number of a part is left to its message, which has it too.
     pub fn read(text: &str) -> Option<Self> {
         let mut parts = text.strip_prefix(PREFIX)?.strip_prefix('.')?.split('.');
         let (site, name, what) = (parts.next()?, parts.next()?, parts.next()?);
         let what = What::ALL.into_iter().find(|own| own.as_str() == what)?;
+        if what == What::Hello {
+            parts.next()?.parse::<u32>().ok()?;
+        }
         (parts.next().is_none() && is_site(site)).then_some(())?;
         Some(Self { site: site.to_string(), name: unescaped(name)?, what })
     }
@@ -97,7 +106,8 @@ impl fmt::Display for Subject {
 
 /// All subjects about `what`, of one site or of all.
 pub fn all(site: Option<&str>, what: What) -> String {
-    format!("{PREFIX}.{}.*.{}", site.unwrap_or("*"), what.as_str())
+    let part = if what == What::Hello { ".*" } else { "" };
+    format!("{PREFIX}.{}.*.{}{part}", site.unwrap_or("*"), what.as_str())
 }
 
 /// Whether this may stand in a site's place: it stands in subjects, loop names and file names as it is.
@@ -154,7 +164,8 @@ mod tests {
     fn a_subject_is_written_as_documented() {
         let subject = Subject::new("north", "FIC 101.A", What::Samples);
         assert_eq!(subject.to_string(), "stictiond.v1.north.FIC%20101%2EA.samples");
-        assert_eq!(all(Some("north"), What::Hello), "stictiond.v1.north.*.hello");
+        assert_eq!(Subject::new("north", "e1", What::Hello).part(7), "stictiond.v1.north.e1.hello.7");
+        assert_eq!(all(Some("north"), What::Hello), "stictiond.v1.north.*.hello.*");
         assert_eq!(all(None, What::Alarm), "stictiond.v1.*.*.alarm");
     }
 
@@ -166,14 +177,20 @@ mod tests {
         for text in ["stictiond.v1.A.b.samples", "stictiond.v1.a.%4.samples", "stictiond.v1.a.b.other"] {
             assert_eq!(Subject::read(text), None, "{text}");
         }
+        for text in ["stictiond.v1.a.b.hello", "stictiond.v1.a.b.hello.x", "stictiond.v1.a.b.hello.1.2"] {
+            assert_eq!(Subject::read(text), None, "{text}");
+        }
     }
 
     proptest! {
         #[test]
         fn whatever_a_loop_is_called_it_comes_back(name in "\\PC{1,40}", at in 0..What::ALL.len()) {
             let subject = Subject::new("site-1", &name, What::ALL[at]);
-            let text = subject.to_string();
-            prop_assert!(text.split('.').count() == 5 && !text.contains([' ', '*', '>']));
+            let (text, tokens) = match subject.what {
+                What::Hello => (subject.part(at as u32), 6),
+                _ => (subject.to_string(), 5),
+            };
+            prop_assert!(text.split('.').count() == tokens && !text.contains([' ', '*', '>']));
             prop_assert_eq!(Subject::read(&text), Some(subject));
         }
 

@@ -2,8 +2,8 @@
 //! samples share the bytes of their message, so they take nothing.
 
 use super::message::{
-    Action, Alarm, AlarmChange, AlarmState, Answer, Cursor, Diagnosis, Effect, Hello, Loop, Model, Place,
-    Pulse, Run, Samples, Tag, TagSamples, Window,
+    Action, Alarm, AlarmChange, AlarmState, Answer, Cursor, Diagnosis, Effect, Hello, HelloPart, Loop, Model,
+    Place, Pulse, Run, Samples, Tag, TagSamples, Window,
 };
 use super::ops::LOG;
 use crate::protobuf::Field::{self, Text, Texts};
@@ -12,8 +12,8 @@ use prost::bytes::Bytes;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 /// Most that a message takes once it is decoded, beside its own bytes (bytes): a report or its basis may be nearly as long as a
-/// message, and what an edge says of 10,000 loops of four tags takes 12 MB. With a message of the longest in the client's buffers
-/// it is less than 32 MiB.
+/// message. With a message of the longest in the client's buffers it is less than 32 MiB. What an edge is comes in parts, and
+/// has a bound of its own, [`MOST_LIST`](super::announcement::MOST_LIST).
 pub const MOST_DECODED: usize = 15 << 20;
 
 /// Messages that were refused since the start of the process.
@@ -40,11 +40,6 @@ pub fn read<M: Weighed>(subject: &str, bytes: impl Into<Bytes>) -> Option<M> {
 pub fn refuse(subject: &str, why: &str) {
     REFUSED.fetch_add(1, Relaxed);
     tracing::warn!(target: LOG, subject, why, "a message of the fleet is refused");
-}
-
-/// Whether a message of ours is not too large for whoever reads it.
-pub fn is_taken<M: Weighed>(bytes: &[u8]) -> bool {
-    protobuf::weigh(bytes, M::FIELDS, MOST_DECODED).is_ok()
 }
 
 impl Weighed for Samples {
@@ -99,6 +94,10 @@ impl Weighed for AlarmChange {
 
 impl Weighed for Action {
     const FIELDS: &'static [Field] = &[Text(1), Text(2), Text(3), Text(5), Text(6)];
+}
+
+impl Weighed for HelloPart {
+    const FIELDS: &'static [Field] = &[Text(1)];
 }
 
 impl Weighed for Hello {

@@ -1,5 +1,6 @@
 //! A message of 8 MB that is nothing but empty parts, to a daemon of each role: decoded it would take up to a hundred times its
-//! bytes. It is refused before that, told and counted, and the daemon goes on.
+//! bytes. It is refused before that, told and counted, and the daemon goes on. So is an announcement of an edge, whose parts are
+//! shorter and are fetched one after the other, and are nothing but empty loops when they are together.
 
 use crate::daemon::{Daemon, folder, stictiond};
 use crate::nats::Nats;
@@ -7,6 +8,7 @@ use crate::{config, connected, hub};
 use std::fs;
 use std::path::Path;
 use std::time::{Duration, Instant};
+use stictiond::fleet::announcement::split;
 use stictiond::fleet::link::{Link, Outgoing};
 use stictiond::fleet::subject::{Subject, What};
 use stictiond::quiet::{self, WINDOW};
@@ -116,7 +118,6 @@ async fn empty_parts_are_refused_before_they_are_decoded_by_each_role() {
     // The effects of a diagnosis.
     let effects = parts(b"\x82\x01\x00");
     for (daemon, name, what, body) in [
-        (&centre, "e2", What::Hello, parts(b"\x0a\x00")),
         (&centre, "A", What::Samples, parts(b"\x0a\x00")),
         (&centre, "A", What::Diagnosis, within(2, &effects)),
         (&worker, "A", What::Window, parts(b"\x1a\x00")),
@@ -126,6 +127,12 @@ async fn empty_parts_are_refused_before_they_are_decoded_by_each_role() {
         send(&link, name, what, body).await;
         daemon.until(&format!("a {} is refused", what.as_str()), PATIENCE, |own| refused(own) > before);
     }
+    // Of as many bytes as a list may have: each loop would take nearly a hundred times its bytes.
+    let announcement = split(&Subject::new(SITE, "e2", What::Hello), &parts(b"\x0a\x00")[..6 << 20]);
+    assert_eq!(announcement.len(), 24);
+    let before = refused(&centre);
+    link.send(&announcement).await.map_err(|(_, error)| error).expect("the server takes it");
+    centre.until("an announcement is refused", PATIENCE, |own| refused(own) > before);
     for ((role, name, daemon), rest) in roles.into_iter().zip(rest) {
         let grown = most(daemon).saturating_sub(rest);
         println!("{role:20} {:6.1} MiB beyond rest", grown as f64 / f64::from(1 << 20));

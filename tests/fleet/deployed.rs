@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use stictiond::fleet::config::Config;
 use stictiond::fleet::link::{Link, Outgoing};
-use stictiond::fleet::streams::{ACTIONS, EVENTS, SAMPLES, WINDOWS};
+use stictiond::fleet::streams::{ACTIONS, EVENTS, LATEST, SAMPLES, WINDOWS};
 use stictiond::fleet::subject::{NO_SITE, Subject, What, all};
 
 /// What stands in `hub.conf` for the hash of a password.
@@ -76,7 +76,9 @@ async fn link(section: &str) -> (Link, Config) {
 }
 
 fn message(site: &str, name: &str, what: What) -> Outgoing {
-    Outgoing::once(Subject::new(site, name, what).to_string(), what.as_str().as_bytes().to_vec())
+    let own = Subject::new(site, name, what);
+    let subject = if what == What::Hello { own.part(0) } else { own.to_string() };
+    Outgoing::once(subject, what.as_str().as_bytes().to_vec())
 }
 
 /// Sends a message, at the first time before everything is connected.
@@ -138,6 +140,10 @@ impl Roles {
         let samples = Subject::new("north", "A", What::Samples).to_string();
         let last = good(edge.last(SAMPLES, &samples).await);
         assert_eq!(last.map(|(_, body)| body).as_deref(), Some(&b"samples"[..]));
+        // A centre fetches what an edge is, part by part.
+        let part = Subject::new("north", "A", What::Hello).part(0);
+        let last = good(centre.last(LATEST, &part).await);
+        assert_eq!(last.map(|(_, body)| body).as_deref(), Some(&b"hello"[..]));
         good(centre.write_lease(0, "0 c1".to_string()).await);
         assert!(good(edge.lease().await).is_some());
         for (stream, count) in [(SAMPLES, 1), (EVENTS, 2)] {

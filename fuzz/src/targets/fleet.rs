@@ -1,10 +1,12 @@
 //! What a NATS server sends, as it is counted, and what the machines of a fleet say through it.
 
+use stictiond::fleet::announcement::Announcement;
 use stictiond::fleet::convert;
 use stictiond::fleet::message::{
-    Action, Alarm, Answer, Cursor, Diagnosis, Hello, Pulse, Run, Samples, Window,
+    Action, Alarm, Answer, Cursor, Diagnosis, Hello, HelloPart, Pulse, Run, Samples, Window,
 };
 use stictiond::fleet::ops::Watch;
+use stictiond::fleet::subject::{Subject, What};
 use stictiond::protobuf::{self, Weighed};
 
 /// Most that a message may take once it is decoded (bytes). An input of 16 kB that is nothing but empty parts would take ten
@@ -24,6 +26,18 @@ fn row(run: &Run) {
     let _ = convert::diagnosis_row(run);
 }
 
+/// A part of an announcement by this number, in a stream that has no other.
+fn announced(number: u32, part: &[u8]) {
+    let subject = Subject::new("north", "e1", What::Hello).part(number);
+    let Some(mut own) = Announcement::read(&subject, part.to_vec()) else { return };
+    while let Some(next) = own.next_subject() {
+        if !own.push((next == subject).then(|| part.to_vec())) {
+            return;
+        }
+    }
+    let _ = own.list();
+}
+
 /// Bytes of a server on one connection, in pieces and whole, and the same as each message.
 pub fn run(bytes: &[u8]) {
     let (mut whole, mut cut) = (Watch::default(), Watch::default());
@@ -35,6 +49,9 @@ pub fn run(bytes: &[u8]) {
     let _ = read::<Window>(bytes);
     let _ = read::<Action>(bytes);
     let _ = read::<Hello>(bytes);
+    if let Some(part) = read::<HelloPart>(bytes) {
+        announced(part.number, bytes);
+    }
     let _ = read::<Pulse>(bytes);
     let _ = read::<Cursor>(bytes);
     if let Some(run) = read::<Answer>(bytes).and_then(|answer| answer.run) {

@@ -2,7 +2,7 @@
 //! people do about alarms. A message is acknowledged once what it brought is in the store.
 
 use super::forward::MOST_SAMPLES;
-use super::inventory::composed;
+use super::inventory::{Digests, composed};
 use super::order::{Early, Making, Order, Origin, Strange, patience};
 use super::orders::action;
 use super::standing::reader;
@@ -13,7 +13,7 @@ use crate::app::{App, AppError};
 use crate::config::Config;
 use crate::fleet::convert;
 use crate::fleet::link::{Incoming, Link, LinkError, Outgoing, Reading};
-use crate::fleet::message::{Alarm, Diagnosis, Hello, Samples};
+use crate::fleet::message::{Alarm, Diagnosis, Samples};
 use crate::fleet::streams::{EVENTS, LATEST, SAMPLES};
 use crate::fleet::subject::{self, Subject, What, all, of_site};
 use crate::fleet::weights;
@@ -116,10 +116,11 @@ impl Fleet {
         let _ = known.wait_for(Option::is_some).await;
     }
 
-    /// Follows what edges say of themselves.
+    /// Follows what edges say of themselves, in parts: a list of loops is fetched once its last part comes.
     async fn inventory(&self, link: &Link, app: &App) {
         // What is not in force yet, because it could not be taken.
         let mut new = false;
+        let mut digests = Digests::new();
         loop {
             let mut reading = match link.follow(LATEST, &all(None, What::Hello)).await {
                 Ok(reading) => reading,
@@ -133,25 +134,9 @@ impl Fleet {
                     Ok(heard) => heard,
                     Err(error) => break self.rest(&error, "what edges are is not heard").await,
                 };
-                for message in heard {
-                    let hello = weights::read::<Hello>(message.subject(), message.bytes());
-                    let Some((own, hello)) = Subject::read(message.subject()).zip(hello) else { continue };
-                    let mut edges = self.edges.lock().unwrap_or_else(PoisonError::into_inner);
-                    let (site, key) = (own.site.clone(), (own.site, own.name));
-                    // One that has no loops any more is forgotten.
-                    let is_new = match hello.loops.is_empty() {
-                        true => edges.remove(&key).is_some(),
-                        // Compared where it is: a copy of it would be as large again.
-                        false if edges.get(&key) == Some(&hello) => false,
-                        false => {
-                            edges.insert(key, hello);
-                            true
-                        }
-                    };
-                    if is_new {
-                        self.in_force.lock().unwrap_or_else(PoisonError::into_inner).remove(&site);
-                    }
-                    new |= is_new;
+                // What is followed anew begins with the last message of each part, so that a list comes again.
+                if let Err(error) = self.take_lists(link, heard, (&mut digests, &mut new)).await {
+                    break self.rest(&error, "a list of loops is not fetched").await;
                 }
                 if new {
                     match app.take(None).await {

@@ -10,12 +10,13 @@ use super::teller::NEWS_S;
 use super::{Fleet, PAUSE, Scene};
 use crate::alarm::{AlarmId, Cause};
 use crate::app::App;
+use crate::fleet::announcement;
 use crate::fleet::lease::Seen;
-use crate::fleet::link::{Link, LinkError, Outgoing};
-use crate::fleet::message::{Action, Hello};
+use crate::fleet::link::{Link, LinkError};
+use crate::fleet::message::Action;
 use crate::fleet::streams::ACTIONS;
 use crate::fleet::subject::{Subject, What, all, escaped};
-use crate::fleet::weights::{self, MOST_DECODED};
+use crate::fleet::weights;
 use crate::notify::Telling;
 use crate::results::AlarmChange;
 use crate::signal::LoopId;
@@ -160,28 +161,33 @@ impl Fleet {
         alone
     }
 
-    /// Says what this edge is.
+    /// Says what this edge is, in parts.
     async fn greet(&self, link: &Link, scene: &Scene) -> Result<(), LinkError> {
         let names = crate::app::devices_of(&scene.config).iter().map(LoopId::to_string).collect();
-        let subject = Subject::new(&self.site, &self.name, What::Hello).to_string();
-        let body = hello(scene, names).encode_to_vec();
-        if !weights::is_taken::<Hello>(&body) {
+        let own = Subject::new(&self.site, &self.name, What::Hello);
+        let list = hello(scene, names).encode_to_vec();
+        if !announcement::is_taken(&list) {
             tracing::error!(
                 loops = scene.config.loops.len(),
-                "the centre does not know this edge's loops: what is said of them takes more than {MOST_DECODED} bytes there"
+                bytes = list.len(),
+                "the centre does not know this edge's loops: their list is too large for it; divide them between two edges"
             );
             return Ok(());
         }
-        match link.send(&[Outgoing::latest(subject, body)]).await {
-            Err((_, LinkError::TooLarge(bytes))) => {
-                tracing::error!(
-                    bytes,
-                    "the centre does not know this edge's loops: max_payload of the NATS servers is too small"
-                );
-                Ok(())
+        for part in announcement::split(&own, &list) {
+            // The next is sent once this one is kept: a centre that hears the last finds all of them.
+            match link.send(&[part]).await {
+                Err((_, LinkError::TooLarge(bytes))) => {
+                    tracing::error!(
+                        bytes,
+                        "the centre does not know this edge's loops: max_payload of the NATS servers is too small"
+                    );
+                    return Ok(());
+                }
+                sent => sent.map_err(|(_, error)| error)?,
             }
-            sent => sent.map_err(|(_, error)| error),
         }
+        Ok(())
     }
 
     /// Tells people of changes of which nobody has heard. Those that receivers do not have on disk yet stay in `handed`, and the

@@ -1,12 +1,16 @@
-//! What an edge says of its loops, and the configuration that a centre makes of what all edges say.
+//! What an edge says of its loops, how a centre takes it, and the configuration that a centre makes of what all edges say.
 
-use super::Scene;
+use super::{Fleet, Scene};
 use crate::config::{Config, ForwardedTag, LoopConfig, TagConfig, tags};
+use crate::fleet::announcement::Announcement;
+use crate::fleet::link::{Incoming, Link, LinkError};
 use crate::fleet::message::{Hello, Loop, Tag};
-use crate::fleet::subject::of_site;
+use crate::fleet::streams::LATEST;
+use crate::fleet::subject::{Subject, of_site};
 use crate::signal::{LoopId, Role};
-use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
+use std::collections::{BTreeMap, HashMap};
+use std::sync::PoisonError;
 
 /// Most loops that a centre takes.
 const MAX_LOOPS: usize = 100_000;
@@ -45,6 +49,69 @@ fn sources(scene: &Scene, own: &LoopConfig) -> Vec<Tag> {
         })
     };
     tags(own).filter_map(tag).collect()
+}
+
+/// Digests of the lists that were taken, by edge.
+pub(super) type Digests = HashMap<Subject, Vec<u8>>;
+
+impl Fleet {
+    /// Takes the lists whose last parts were heard, one after the other; `new` is set where an edge has other loops than before.
+    ///
+    /// # Errors
+    /// [`LinkError`]; then what is left has to be heard again.
+    pub(super) async fn take_lists(
+        &self,
+        link: &Link,
+        heard: Vec<Incoming>,
+        (digests, new): (&mut Digests, &mut bool),
+    ) -> Result<(), LinkError> {
+        // Of an edge the one that came last. All messages are let go before the first list is fetched.
+        let announcements: HashMap<Subject, Announcement> = heard
+            .into_iter()
+            .filter_map(|message| Announcement::read(message.subject(), message.bytes()))
+            .map(|announcement| (announcement.edge().clone(), announcement))
+            .collect();
+        for (edge, announcement) in announcements {
+            if digests.get(&edge).is_some_and(|taken| taken == announcement.digest()) {
+                continue;
+            }
+            let digest = announcement.digest().to_vec();
+            if let Some(hello) = fetched(link, announcement).await? {
+                *new |= self.take_list(&edge, hello);
+                digests.insert(edge, digest);
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes the list of an edge; whether that changes anything.
+    fn take_list(&self, edge: &Subject, hello: Hello) -> bool {
+        let key = (edge.site.clone(), edge.name.clone());
+        let mut edges = self.edges.lock().unwrap_or_else(PoisonError::into_inner);
+        // One that has no loops any more is forgotten.
+        let is_new = if hello.loops.is_empty() {
+            edges.remove(&key).is_some()
+        } else {
+            edges.insert(key, hello);
+            true
+        };
+        if is_new {
+            self.in_force.lock().unwrap_or_else(PoisonError::into_inner).remove(&edge.site);
+        }
+        is_new
+    }
+}
+
+/// The list of an announcement, fetched part by part; `None` where one of them is not there or is of another announcement, or the
+/// whole is no list.
+async fn fetched(link: &Link, mut announcement: Announcement) -> Result<Option<Hello>, LinkError> {
+    while let Some(subject) = announcement.next_subject() {
+        let last = link.last(LATEST, &subject).await?;
+        if !announcement.push(last.map(|(_, body)| body)) {
+            return Ok(None);
+        }
+    }
+    Ok(announcement.list())
 }
 
 /// The configuration of a centre with the loops of all edges, in the order of their names. What cannot be taken is left out

@@ -14,7 +14,7 @@ fn is_read<M: Message + Default>(bytes: &[u8]) -> bool {
 }
 
 /// As every kind of message, in the order of the file.
-fn as_each(bytes: &[u8]) -> [bool; 9] {
+fn as_each(bytes: &[u8]) -> [bool; 10] {
     [
         is_read::<Samples>(bytes),
         is_read::<Window>(bytes),
@@ -22,6 +22,7 @@ fn as_each(bytes: &[u8]) -> [bool; 9] {
         is_read::<Diagnosis>(bytes),
         is_read::<Alarm>(bytes),
         is_read::<Action>(bytes),
+        is_read::<HelloPart>(bytes),
         is_read::<Hello>(bytes),
         is_read::<Pulse>(bytes),
         is_read::<Cursor>(bytes),
@@ -46,11 +47,11 @@ fn what_is_cut_or_of_another_kind_is_refused() {
     assert!(is_read::<Hello>(&whole) && !is_read::<Hello>(&whole[..whole.len() - 1]));
     // A length of 4 GB, a group that nobody knows how to end, and a field without a number.
     for bytes in [&b"\x0a\xff\xff\xff\xff\x0f"[..], b"\x0b\x0b\x0b", b"\x02\x00", b"\xff"] {
-        assert_eq!(as_each(bytes), [false; 9], "{bytes:?}");
+        assert_eq!(as_each(bytes), [false; 10], "{bytes:?}");
     }
-    assert_eq!(as_each(b""), [true; 9], "a message of defaults");
+    assert_eq!(as_each(b""), [true; 10], "a message of defaults");
     // A field of a later version.
-    assert_eq!(as_each(b"\xfa\x7f\x02hi"), [true; 9]);
+    assert_eq!(as_each(b"\xfa\x7f\x02hi"), [true; 10]);
 }
 
 proptest! {
