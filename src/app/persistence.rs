@@ -6,6 +6,7 @@
 mod feed;
 mod room;
 pub(super) mod rows;
+mod terms;
 mod waiting;
 
 use super::plantwide;
@@ -435,6 +436,7 @@ fn refill(reader: &mut Reader, history: &History, together: usize) -> Result<usi
             samples.into_iter().for_each(|sample| ring.push(sample));
         }
     }
+    terms::give_back(reader, history)?;
     Ok(count)
 }
 

@@ -5,6 +5,7 @@
 //! all tags that read the same thing as before.
 
 mod decimate;
+mod past_terms;
 mod ring;
 mod set_back;
 
@@ -12,6 +13,7 @@ pub use decimate::decimate;
 pub use ring::{BYTES_PER_SAMPLE, Ring};
 
 use crate::signal::{LoopId, Record, Role, Sample, Series, SpanSource};
+use past_terms::PastTerms;
 use serde::Deserialize;
 use set_back::{SetBack, Since, since_set_back};
 use std::collections::HashMap;
@@ -107,7 +109,11 @@ pub struct History {
     first: Vec<usize>,
     rings: Vec<Arc<Ring>>,
     by_id: HashMap<LoopId, usize>,
+    past_terms: PastTerms,
 }
+
+/// What the series of terms is to its loop.
+const TERM: TagKind = TagKind::Role(Role::Term);
 
 /// The samples of one tag for a screen.
 #[derive(Clone, Debug, PartialEq)]
@@ -151,7 +157,37 @@ impl History {
             }));
         }
         let by_id = loops.iter().enumerate().map(|(at, l)| (l.id.clone(), at)).collect();
-        Self { loops: loops.to_vec(), first, rings, by_id }
+        Self { loops: loops.to_vec(), first, rings, by_id, past_terms: PastTerms::default() }
+    }
+
+    /// Keeps the terms that `before` has of loops that have no write-back any more, and gives them back to a loop that has it
+    /// again. A term that nobody ended ends `lasts` (s) after it was last said.
+    pub fn keep_terms_of(&self, before: &History, lasts: f64) {
+        fn term_ring<'h>(history: &'h History, id: &LoopId) -> Option<&'h Arc<Ring>> {
+            history.tag_index(id, &TERM).and_then(|tag| history.ring(tag))
+        }
+        for id in self.loops.iter().map(|own| &own.id) {
+            match (term_ring(self, id), term_ring(before, id), before.past_terms.of(id)) {
+                (None, Some(ring), _) => self.keep_terms(id, ring.snapshot(), lasts),
+                (None, None, Some(past)) => self.keep_terms(id, past, lasts),
+                (Some(ring), None, Some(past)) => past.into_iter().for_each(|own| ring.push(own)),
+                _ => {}
+            }
+        }
+    }
+
+    /// Keeps terms of a loop that has no write-back any more, where they acted on OP that is remembered. One that nobody ended
+    /// ends `lasts` (s) after it was last said.
+    pub fn keep_terms(&self, id: &LoopId, terms: Series, lasts: f64) {
+        let op = self.series(id, &TagKind::Role(Role::Op));
+        if let Some(op) = op.filter(|_| self.lacks_terms(id)) {
+            self.past_terms.keep(id, terms, &op, lasts);
+        }
+    }
+
+    /// Whether a loop has no series of terms, as one without write-back.
+    pub fn lacks_terms(&self, id: &LoopId) -> bool {
+        self.tag_index(id, &TERM).is_none()
     }
 
     /// The loops, in the order that numbers their tags.
@@ -204,11 +240,12 @@ impl History {
         let tags: Vec<_> = self.tags(id).map(|(tag, ring)| (tag, Since::of(ring.snapshot()))).collect();
         let measured = tags.iter().filter(|(tag, _)| is_measured(&tag.kind)).map(|(_, since)| since);
         let set_back = SetBack::of(measured);
+        let across = |since: Since, of_window: bool| match &set_back {
+            Some(set_back) => set_back.across(since, of_window),
+            None => since.samples,
+        };
         for (tag, since) in tags {
-            let series = match &set_back {
-                Some(set_back) => set_back.across(since, is_measured(&tag.kind)),
-                None => since.samples,
-            };
+            let series = across(since, is_measured(&tag.kind));
             match &tag.kind {
                 TagKind::Role(Role::Op) => record.op = series,
                 TagKind::Role(Role::Pv) => record.pv = series,
@@ -218,6 +255,10 @@ impl History {
                 TagKind::Role(Role::Term) => record.term = Some(series).filter(|terms| !terms.is_empty()),
                 TagKind::Extra(name) => record.tags.push((name.clone(), series)),
             }
+        }
+        // What OP went to the valve with while there was write-back.
+        if let Some(past) = self.past_terms.of(id) {
+            record.term = Some(across(Since::of(past), false)).filter(|terms| !terms.is_empty());
         }
         // What the configuration does not tell OP's values may.
         record.find_span(None, None);

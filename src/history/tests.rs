@@ -67,6 +67,44 @@ fn a_successor_keeps_what_is_unchanged_and_only_that() {
 }
 
 #[test]
+fn terms_of_a_loop_without_write_back_are_known_as_long_as_op_of_their_time_is() {
+    let measured = || vec![tag(Role::Op, "a"), tag(Role::Pv, "b")];
+    let without = [control_loop("A", measured())];
+    let with = [control_loop("A", [measured(), vec![tag(Role::Term, "write-back")]].concat())];
+    let (config, id) = (Config { samples_per_tag: 10 }, LoopId::new("A"));
+    let poll = |history: &History, seconds: std::ops::Range<u32>| {
+        for sample in seconds.map(|t| Sample::good(f64::from(t), 50.0)) {
+            assert!(history.push(0, sample) && history.push(1, sample));
+        }
+    };
+    let told = |history: &History, t: f64| history.snapshot(&id).expect("there").term_at(t);
+    let after = |before: &History, loops: &[LoopTags]| {
+        let history = before.successor(loops, &config);
+        history.keep_terms_of(before, 60.0);
+        history
+    };
+    let first = History::new(&with, &config);
+    poll(&first, 0..10);
+    for (t, value) in [(2.0, 1.5), (5.0, 0.0)] {
+        assert!(first.push(2, Sample::good(t, value)));
+    }
+    let second = after(&first, &without);
+    assert_eq!([1.0, 3.0, 6.0].map(|t| told(&second, t)), [0.0, 1.5, 0.0]);
+    assert_eq!(second.snapshot(&id).expect("there").input()[3].value, 51.5);
+    let third = after(&second, &without);
+    assert_eq!(told(&third, 3.0), 1.5, "another reload takes nothing away");
+    assert_eq!(told(&after(&third, &with), 3.0), 1.5, "nor does write-back that is there again");
+    poll(&third, 10..20);
+    assert_eq!(after(&third, &without).snapshot(&id).expect("there").term, None, "OP of that time is gone");
+
+    // A daemon that was killed ended none.
+    let killed = History::new(&without, &config);
+    poll(&killed, 0..10);
+    killed.keep_terms(&id, vec![Sample::good(2.0, 1.5)], 3.0);
+    assert_eq!([1.0, 4.0, 5.0].map(|t| told(&killed, t)), [0.0, 1.5, 0.0]);
+}
+
+#[test]
 fn a_clock_that_is_set_back_begins_a_new_record() {
     let history = History::new(&two_loops(), &Config { samples_per_tag: 100 });
     let id = LoopId::new("FIC1");

@@ -10,6 +10,9 @@ use std::time::Duration;
 /// What the ramp to zero may take longer than its limit, for the last answers to come.
 pub(super) const GRACE: Duration = Duration::from_secs(2);
 
+/// Time after which a term in force that has not changed is said again (s): where it is not, it has ended.
+pub const SAID_AGAIN_S: f64 = 60.0;
+
 /// `[writeback]`: the audit log.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]

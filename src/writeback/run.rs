@@ -1,6 +1,6 @@
 //! One task per loop: it shows the loop to the gate, puts on record what the gate says, and writes what it orders.
 
-use super::config::{GRACE, Target};
+use super::config::{GRACE, SAID_AGAIN_S, Target};
 use super::link::Writer;
 use crate::audit::Recorder;
 use crate::compensation::gate::{
@@ -12,9 +12,6 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::sync::{Notify, oneshot, watch};
 use tokio::task::JoinHandle;
-
-/// Time after which a term that has not changed is said again (s).
-const SAID_AGAIN_S: f64 = 60.0;
 
 /// Looks at a loop: the newest samples, the latest diagnosis, missed polls.
 pub type Look = Arc<dyn Fn() -> Inputs + Send + Sync>;
