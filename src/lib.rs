@@ -19,6 +19,7 @@ pub mod dial;
 pub mod fleet;
 pub mod history;
 pub mod host;
+pub mod login;
 pub mod mqtt;
 pub mod notify;
 pub mod protobuf;

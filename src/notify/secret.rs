@@ -23,30 +23,6 @@ impl Secret {
     }
 }
 
-/// What is wrong with the name of a variable that is left empty.
-pub(super) const NO_NAME: &str = "must name an environment variable";
-
-/// Whether a name is given, and none.
-pub(super) fn names_nothing(env: &Option<String>) -> bool {
-    env.as_ref().is_some_and(|name| name.trim().is_empty())
-}
-
-/// What is wrong with a name and the places of its password.
-pub(super) fn wrong_login(
-    user: &Option<String>,
-    file: &Option<PathBuf>,
-    env: &Option<String>,
-) -> Option<(&'static str, &'static str)> {
-    if file.is_some() && env.is_some() {
-        return Some(("password_env", "there is password_file too: leave one out"));
-    }
-    if names_nothing(env) {
-        return Some(("password_env", NO_NAME));
-    }
-    let alone = user.is_some() != (file.is_some() || env.is_some());
-    alone.then_some(("user", "a user name needs password_file or password_env, and they a user name"))
-}
-
 /// The lines of a secret that are not empty. Files are read on the caller's thread: not on an async one.
 ///
 /// # Errors

@@ -4,6 +4,7 @@ use super::json::Path as JsonPath;
 use crate::collect::scaling::Scaling;
 use crate::collect::{DecimalSign, Issue};
 use crate::host;
+use crate::login;
 use crate::mqtt::{Broker, Password, default_client_id, topic_fault};
 use crate::signal::Role;
 use serde::Deserialize;
@@ -264,15 +265,9 @@ impl Config {
             }
         };
         unless(!self.name.trim().is_empty(), "name", "a device needs a name");
-        let passwords = usize::from(self.password_file.is_some()) + usize::from(self.password_env.is_some());
-        unless(
-            self.user.is_some() == (passwords > 0),
-            "user",
-            "a user name needs password_file or password_env, and they a user name",
-        );
-        unless(passwords < 2, "password_env", "there is password_file too: leave one out");
-        let named = self.password_env.as_ref().is_none_or(|name| !name.trim().is_empty());
-        unless(named, "password_env", "must name an environment variable");
+        for (field, why) in login::wrong(&self.user, &self.password_file, &self.password_env) {
+            unless(false, field, why);
+        }
         let pair = self.certificate_file.is_some() == self.key_file.is_some();
         unless(pair, "certificate_file", "certificate_file and key_file belong together");
         unless((1..=300).contains(&self.timeout_s), "timeout_s", "must be 1 to 300");

@@ -5,6 +5,7 @@ use super::value::Meaning;
 use crate::collect::scaling::Scaling;
 use crate::collect::{DecimalSign, Issue};
 use crate::host::host_and_port;
+use crate::login;
 use crate::signal::Role;
 use serde::Deserialize;
 use std::ops::RangeInclusive;
@@ -323,15 +324,9 @@ impl Config {
             "a folder of certificates is needed; or write security_policy = \"None\", then everything is readable and \
              changeable on the way",
         );
-        let passwords = usize::from(self.password_file.is_some()) + usize::from(self.password_env.is_some());
-        unless(
-            self.user.is_some() == (passwords > 0),
-            "user",
-            "a user name needs password_file or password_env, and they a user name",
-        );
-        unless(passwords < 2, "password_env", "there is password_file too: leave one out");
-        let named = self.password_env.as_ref().is_none_or(|name| !name.trim().is_empty());
-        unless(named, "password_env", "must name an environment variable");
+        for (field, why) in login::wrong(&self.user, &self.password_file, &self.password_env) {
+            unless(false, field, why);
+        }
         unless(
             self.user_certificate.is_some() == self.user_key.is_some(),
             "user_certificate",

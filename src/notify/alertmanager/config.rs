@@ -1,8 +1,9 @@
 //! `[[notify.alertmanager]]`: where it is, and which alarms it hears of.
 
+use crate::login;
 use crate::notify::filter::Filter;
 use crate::notify::http::Endpoint;
-use crate::notify::secret::{Secret, wrong_login};
+use crate::notify::secret::Secret;
 use crate::notify::wrong::Wrong;
 use serde::Deserialize;
 use std::path::PathBuf;
@@ -69,7 +70,7 @@ impl Config {
         } else if let Err(why) = self.endpoint() {
             unless(false, "url", why);
         }
-        if let Some((field, why)) = wrong_login(&self.user, &self.password_file, &self.password_env) {
+        for (field, why) in login::wrong(&self.user, &self.password_file, &self.password_env) {
             unless(false, field, why.into());
         }
         let ok = (0.1..=300.0).contains(&self.timeout_s);

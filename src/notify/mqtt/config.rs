@@ -2,8 +2,8 @@
 
 use super::message;
 use crate::host;
+use crate::login;
 use crate::mqtt::{Broker, Password, default_client_id, topic_fault};
-use crate::notify::secret::wrong_login;
 use serde::Deserialize;
 use std::path::PathBuf;
 
@@ -146,7 +146,7 @@ impl Config {
                 issues.push((field, message.to_string()));
             }
         };
-        if let Some((field, why)) = wrong_login(&self.user, &self.password_file, &self.password_env) {
+        for (field, why) in login::wrong(&self.user, &self.password_file, &self.password_env) {
             unless(false, field, why);
         }
         let pair = self.certificate_file.is_some() == self.key_file.is_some();

@@ -2,11 +2,12 @@
 
 use crate::host;
 use crate::host::{host_and_port, shown};
+use crate::login;
 use crate::notify::batch::Pace;
 use crate::notify::filter::{Filter, What, usual};
 use crate::notify::http::is_loopback;
 use crate::notify::postman::Retry;
-use crate::notify::secret::{Secret, wrong_login};
+use crate::notify::secret::Secret;
 use crate::notify::wrong::Wrong;
 use lettre::message::Mailbox;
 use serde::Deserialize;
@@ -107,7 +108,7 @@ impl Config {
                 unless(ok, "security", "\"none\" is for a server on this machine only".into());
             }
         }
-        if let Some((field, why)) = wrong_login(&self.user, &self.password_file, &self.password_env) {
+        for (field, why) in login::wrong(&self.user, &self.password_file, &self.password_env) {
             unless(false, field, why.into());
         }
         let is_address = |text: &String| text.parse::<Mailbox>().is_ok();
