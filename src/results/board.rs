@@ -247,9 +247,14 @@ impl Board {
     pub fn follow(&mut self, kept: RestoredAlarm, change: Option<AlarmChange>, now: f64, news: &mut News) {
         let RestoredAlarm { id, saved, by, comment, detail } = kept;
         if !self.has(&id) {
-            // Of a loop that is gone how it ended is kept: else it would stand again when the loop is back.
+            // Of a loop that is gone how it ended is kept and told: else it would stand again when the loop is back, and nobody
+            // would know why it is there no more.
             if let Some(change) = change.filter(|change| change.transition.cause == Cause::Forgotten) {
                 let transitions = vec![change.transition];
+                // A kind that is switched off here is not shown.
+                if self.config.is_enabled(id.kind) && !self.log.has(&id, &change.transition) {
+                    news.told.push(self.log.push(AlarmChange { grouped: false, ..change }));
+                }
                 news.kept.push(KeptAlarm { id, saved, transitions, acted: false, by, comment, detail });
             }
             return;

@@ -108,6 +108,32 @@ fn what_a_reload_takes_out_stands_no_longer_and_everybody_hears_it() {
     assert_eq!(state(&results, "A/stiction", 703.0), State::Unacknowledged);
 }
 
+/// As where a loop gets another name.
+#[test]
+fn a_latched_alarm_that_nobody_acknowledged_does_not_go_without_a_word() {
+    let config = alarm::Config { latch: vec![Kind::Stiction], ..alarm::Config::default() };
+    let results = Results::new(&[id()], 9, &config);
+    for time in [1.0, 2.0] {
+        stuck(&results, &id(), 1.5, time);
+    }
+    for time in 3..13 {
+        let clean = Outcome::Diagnosed(diagnosis(Verdict::NoStiction, 0.0, -2.0));
+        results.record(run(f64::from(time), clean));
+    }
+    assert_eq!(state(&results, "A/stiction", 13.0), State::LatchedUnacknowledged);
+    let mut events = results.subscribe();
+    results.reload(&[LoopId::new("A2")], &config, 20.0);
+    let (from, to, cause) = (State::LatchedUnacknowledged, State::Normal, alarm::Cause::Forgotten);
+    let over = alarm::Transition { from, to, at: 20.0, cause };
+    let last = results.alarm_log()[0].clone();
+    assert_eq!((&last.id, last.transition), (&stiction(), over));
+    let told = std::iter::from_fn(|| events.try_recv().ok());
+    let told: Vec<_> =
+        told.filter_map(|own| if let Event::Alarm(own) = own { Some(own) } else { None }).collect();
+    assert_eq!(told, [last]);
+    assert_eq!(state(&results, "A2/stiction", 21.0), State::Normal);
+}
+
 /// A daemon that was stopped, started without the loop, and given it back by a reload.
 #[test]
 fn an_alarm_that_was_kept_of_a_loop_that_nobody_watched_is_over_when_the_loop_is_back() {

@@ -188,3 +188,44 @@ fn a_flood_of_all_machines_together_is_grouped() {
     results.tick(now + 86_400.0);
     assert!(!results.alarm(&stiction(), now).expect("A").grouped, "it is over");
 }
+
+/// It may be known that a loop is gone before it is heard how its alarm ended.
+#[test]
+fn an_alarm_of_a_loop_that_another_machine_has_no_more_ends_in_the_history_once() {
+    let (centre, ..) = follower(true);
+    let heard = |id: AlarmId, flags: alarm::Flags, [from, to]: [State; 2], at: f64, cause: alarm::Cause| {
+        let saved = alarm::Saved { flags, ..alarm::Saved::default() };
+        let change = AlarmChange {
+            number: 0,
+            id: id.clone(),
+            transition: alarm::Transition { from, to, at, cause },
+            priority: Priority::Low,
+            grouped: false,
+            detail: String::new(),
+            by: None,
+            comment: None,
+            told: false,
+        };
+        let kept = RestoredAlarm { id, saved, by: None, comment: None, detail: String::new() };
+        centre.follow_alarm(kept, Some(change), at);
+    };
+    let (latched, over) = (
+        alarm::Flags { latched: true, acknowledged: false, ..alarm::Flags::default() },
+        alarm::Flags::default(),
+    );
+    let states = [State::Unacknowledged, State::LatchedUnacknowledged];
+    heard(stiction(), latched, states, 9.0, alarm::Cause::Cleared);
+    assert_eq!(centre.alarm(&stiction(), 9.0).map(|own| own.state), Some(State::LatchedUnacknowledged));
+    let config = alarm::Config::default();
+    let tag_bad = alarm::TagBadConfig { enabled: false, ..config.tag_bad.clone() };
+    centre.reload(&[LoopId::new("B")], &alarm::Config { tag_bad, ..config }, 10.0);
+    let states = [State::LatchedUnacknowledged, State::Normal];
+    for id in [stiction(), stiction(), AlarmId::named("A/tag_bad")] {
+        heard(id, over, states, 11.0, alarm::Cause::Forgotten);
+    }
+    let log: Vec<_> =
+        centre.alarm_log().iter().map(|own| (own.id.to_string(), own.transition.cause)).collect();
+    let expected =
+        [alarm::Cause::Forgotten, alarm::Cause::Cleared].map(|cause| ("A/stiction".to_string(), cause));
+    assert_eq!(log, expected);
+}
