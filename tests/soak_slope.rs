@@ -6,7 +6,7 @@ mod slope;
 use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64Mcg;
-use slope::{Slope, median};
+use slope::{Judged, Slope, median};
 
 /// What recurs, as in a run of two hours (s).
 const ROUND: f64 = 1800.0;
@@ -49,11 +49,22 @@ fn an_interval_holds_the_truth_in_95_of_100_cases() {
 }
 
 #[test]
-fn what_is_too_short_says_nothing() {
+fn what_is_too_short_is_not_judged() {
     // A part of each place, and one more.
     let slope = Slope::of(&looks(0.0, 1.0 + 1.0 / 6.0, |_| 0.0), ROUND);
     assert!(slope.per_hour.abs() < 1e-6 && slope.half_width.is_infinite(), "{slope:?}");
-    assert!(Slope::of(&[], ROUND).per_hour.is_nan());
+    let none = Slope::of(&[], ROUND);
+    assert!(none.per_hour.is_nan());
+    for short in [slope, none] {
+        // Not even of a bound that everything would keep.
+        let judged = short.judged(f64::INFINITY);
+        assert_eq!(judged, Judged::TooShort);
+        assert!(judged.to_string().contains("the run was too short"), "{judged}");
+    }
+    for (growth, judged, said) in [(0.0, Judged::Holds, "holds"), (5.7, Judged::Broken, "BROKEN")] {
+        let slope = Slope::of(&looks(growth, 2.0, |_| 0.0), ROUND);
+        assert_eq!((slope.judged(1.0), slope.judged(1.0).to_string().as_str()), (judged, said), "{slope:?}");
+    }
     assert!(median([]).is_nan());
     assert!((median([3.0, 1.0, 2.0]) - 2.0).abs() < 1e-12);
 }

@@ -1,5 +1,7 @@
 //! How fast something grows, and how sure that is: a straight line through medians, over what recurs.
 
+use std::fmt;
+
 /// Parts of a round. Each is one number, its median: looks that follow each other closely say the same again, and would make
 /// the interval far too narrow.
 const PARTS: usize = 3;
@@ -12,6 +14,25 @@ const STUDENT: [f64; 12] =
 pub struct Slope {
     pub per_hour: f64,
     pub half_width: f64,
+}
+
+/// What a slope says of a bound.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Judged {
+    Holds,
+    Broken,
+    /// There is no degree of freedom, so the interval has no end and nothing is known.
+    TooShort,
+}
+
+impl fmt::Display for Judged {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.write_str(match self {
+            Judged::Holds => "holds",
+            Judged::Broken => "BROKEN",
+            Judged::TooShort => "NOT JUDGED, the run was too short",
+        })
+    }
 }
 
 impl Slope {
@@ -39,6 +60,15 @@ impl Slope {
         let deviation = (square / freedom as f64 / under).sqrt();
         let half_width = if freedom == 0 { f64::INFINITY } else { student(freedom) * deviation };
         Self { per_hour: 3600.0 * slope, half_width: 3600.0 * half_width }
+    }
+
+    /// Whether the lower end of the interval is at most `most` (an hour).
+    pub fn judged(self, most: f64) -> Judged {
+        match self.interval()[0] {
+            low if !low.is_finite() => Judged::TooShort,
+            low if low <= most => Judged::Holds,
+            _ => Judged::Broken,
+        }
     }
 
     /// Ends of the 95 % interval.

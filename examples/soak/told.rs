@@ -1,7 +1,7 @@
 //! What came of it: the slope of memory, bounds, and the picture.
 
 use super::sampled::Sample;
-use super::slope::{Slope, median};
+use super::slope::{Judged, Slope, median};
 use stictiond::plot::{Panel, Plot, Series, sheet, thin};
 
 /// Memory that rings do not take may grow by so much (MB an hour); it is too much where the lower end of the slope's interval is.
@@ -82,7 +82,7 @@ impl Told {
         }
     }
 
-    /// Says it, with each bound; whether all of them hold.
+    /// Says it, with each bound; whether all of them hold. One that the run was too short to judge does not.
     pub fn print(&self, samples: &[Sample], kept: &Kept) -> bool {
         let last = samples.last().copied().unwrap_or_default();
         let of = |part: fn(&Sample) -> f64| {
@@ -108,18 +108,21 @@ impl Told {
         println!("disk           {:.0} MB at the end", last.disk);
         let part = self.first_part / 60.0;
         let mut good = true;
-        let mut bound = |what: &str, value: f64, most: f64| {
-            let holds = value <= most;
-            good &= holds;
-            println!("{what}: {value:.3}, at most {most}: {}", if holds { "holds" } else { "BROKEN" });
+        let mut say = |what: &str, value: f64, most: f64, judged: Judged| {
+            good &= judged == Judged::Holds;
+            println!("{what}: {value:.3}, at most {most}: {judged}");
         };
         for (what, slope) in [("allocated", self.allocated), ("resident", self.resident)] {
             let (own, [low, high]) = (slope.per_hour, slope.interval());
             println!(
                 "{what} memory beyond the rings after {part:.0} min: {own:.2} MB/h, 95 % interval {low:.2} to {high:.2}"
             );
-            bound(&format!("lower end of that interval, {what} (MB/h)"), low, MOST_MB_AN_HOUR);
+            let what = format!("lower end of that interval, {what} (MB/h)");
+            say(&what, low, MOST_MB_AN_HOUR, slope.judged(MOST_MB_AN_HOUR));
         }
+        let mut bound = |what: &str, value: f64, most: f64| {
+            say(what, value, most, if value <= most { Judged::Holds } else { Judged::Broken });
+        };
         bound(&format!("handles more than after {part:.0} min"), self.handles, MOST_MORE);
         bound(&format!("threads more than after {part:.0} min"), self.threads, MOST_MORE);
         bound("looks without an answer", kept.unanswered, 0.0);
