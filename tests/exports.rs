@@ -31,6 +31,8 @@ mod lost;
 mod makers;
 #[path = "exports/modes.rs"]
 mod modes;
+#[path = "exports/packed.rs"]
+mod packed;
 #[path = "exports/pairs.rs"]
 mod pairs;
 #[path = "exports/plants.rs"]
@@ -51,6 +53,10 @@ mod unlisted;
 mod workbooks;
 #[path = "exports/written.rs"]
 mod written;
+#[path = "exports/xls.rs"]
+mod xls;
+#[path = "exports/xlsb_records.rs"]
+mod xlsb_records;
 
 use std::path::{Path, PathBuf};
 use stictiond::collect::table::{Options, Source, Table, read};

@@ -1,10 +1,8 @@
 //! Workbooks that are small and would fill the memory, or never end, and sound ones that look like them.
 
-use super::archive::{Part, archive, of_parts};
+use super::archive::archive;
 use super::of_bytes;
-use flate2::Compression;
-use flate2::write::DeflateEncoder;
-use std::io::Write;
+use super::packed::packed;
 use stictiond::collect::table::Options;
 
 const MAIN: &str = "http://schemas.openxmlformats.org/spreadsheetml/2006/main";
@@ -97,7 +95,7 @@ fn a_long_format_that_many_cells_might_have_is_refused() {
     };
     // Excel has no longer one.
     is_sound(&excel(&formats(255, 2_000), ""));
-    is_refused(&excel(&formats(100_000, 20_000), ""), "\"xl/styles.xml\" has formats that take ");
+    is_refused(&excel(&formats(100_000, 20_000), ""), "up to its \"xl/styles.xml\"");
 }
 
 #[test]
@@ -105,22 +103,7 @@ fn a_workbook_that_unpacks_to_a_thousand_times_its_bytes_is_refused() {
     let blanks_before = |bytes: usize| {
         let (parts, texts) = (parts("", &" ".repeat(bytes)), texts(""));
         let parts = parts.iter().map(|(name, text)| (*name, text.as_bytes()));
-        let packed: Vec<(&str, &[u8], Vec<u8>)> = parts
-            .chain([("xl/sharedStrings.xml", texts.as_bytes())])
-            .map(|(name, bytes)| {
-                let mut packed = DeflateEncoder::new(Vec::new(), Compression::fast());
-                packed.write_all(bytes).expect("into memory");
-                (name, bytes, packed.finish().expect("into memory"))
-            })
-            .collect();
-        let all: Vec<Part<'_>> = packed
-            .iter()
-            .map(|(name, bytes, packed)| {
-                let unpacked = (bytes.len() as u32, crc32fast::hash(bytes));
-                Part { name, method: 8, bytes: packed, unpacked }
-            })
-            .collect();
-        of_parts(&all)
+        packed(&parts.chain([("xl/sharedStrings.xml", texts.as_bytes())]).collect::<Vec<_>>())
     };
     is_sound(&blanks_before(1 << 16));
     let book = blanks_before(16_000_000);
@@ -193,7 +176,7 @@ fn cells_that_are_repeated_over_the_sheet_are_refused_before_they_are_made() {
     for rows in [wide.repeat(150), high, far + &narrow.repeat(300), row("", &blanks), row("", &long)] {
         let book = open_document(&(open_rows("") + &rows), END);
         assert!(book.len() < 50_000, "{} bytes", book.len());
-        is_refused(&book, "\"content.xml\" repeats cells to ");
+        is_refused(&book, "up to its \"content.xml\"");
     }
 }
 

@@ -2,34 +2,11 @@
 
 use super::archive::{Part, of_parts};
 use super::bombs::{NAMES, PACKAGE, RELATIONS, ROWS, is_refused, is_sound};
-
-/// A record that says it has so many bytes.
-fn told(kind: u16, len: usize, data: &[u8]) -> Vec<u8> {
-    let mut out = if kind < 0x80 { vec![kind as u8] } else { vec![kind as u8 | 0x80, (kind >> 7) as u8] };
-    let mut left = len;
-    while left >= 0x80 {
-        out.push(left as u8 | 0x80);
-        left >>= 7;
-    }
-    out.push(left as u8);
-    out.extend(data);
-    out
-}
-
-/// A record: kind, and bytes.
-fn record(kind: u16, data: &[u8]) -> Vec<u8> {
-    told(kind, data.len(), data)
-}
+use super::xlsb_records::{record, told, wide};
 
 /// A record that says it is as long as one can be.
 fn lie(kind: u16) -> Vec<u8> {
     told(kind, (1 << 28) - 1, &[0; 12])
-}
-
-/// A text with its length before it.
-fn wide(text: &str) -> Vec<u8> {
-    let words = text.encode_utf16().flat_map(u16::to_le_bytes);
-    (text.len() as u32).to_le_bytes().into_iter().chain(words).collect()
 }
 
 fn row(at: u32) -> Vec<u8> {
@@ -195,7 +172,7 @@ fn names_of_cells_that_become_long_or_deep_are_refused() {
             parts.book.push(name_of_cells(&long, &[0x1e, 1, 0]));
             parts.book.push(name_of_cells("names", &[0x23, 1, 0, 0, 0].repeat(5000)));
         }),
-        "its names of cells would become 1",
+        "up to its \"xl/workbook.bin\"",
     );
     is_refused(
         &changed(|parts| parts.book.push(name_of_cells("signs", &[0x12; 60_000]))),

@@ -21,7 +21,8 @@ use std::collections::HashMap;
 pub fn record(source: Source<'_>, plan: Plan) -> Result<Table, TableError> {
     let mut series: Vec<Series> = plan.channels.iter().map(|_| Series::new()).collect();
     let mut values = 0;
-    let (plan, mut found) = all(source, plan, &mut |at, sample| {
+    // Sheets of a workbook are let go with the plan.
+    let (Plan { channels, .. }, mut found) = all(source, plan, &mut |at, sample| {
         series[at].push(sample);
         values += 1;
         if values > MAX_VALUES {
@@ -33,7 +34,7 @@ pub fn record(source: Source<'_>, plan: Plan) -> Result<Table, TableError> {
         Ok(())
     })?;
     let mut record = Record::default();
-    for (channel, series) in plan.channels.iter().zip(series) {
+    for (channel, series) in channels.iter().zip(series) {
         // A tag of text only (an operator's remark) or a column that is blank throughout was not recorded.
         let recorded = channel.numbers > 0 || channel.words.is_some() && !series.is_empty();
         if !recorded || channel.says_of_another || channel.tag.name.is_empty() && channel.role.is_none() {
@@ -67,7 +68,7 @@ const FEW: usize = 20;
 /// Refuses a tag that has two values at the same times, in different places of the file. Those one after the other are told.
 fn twice(role: Role, series: &[Sample]) -> Result<Option<String>, TableError> {
     // Samples in a row with one time are of one run.
-    let (mut run, mut last, mut good) = (0usize, f64::NAN, Vec::new());
+    let (mut run, mut last, mut good) = (0usize, f64::NAN, Vec::with_capacity(series.len()));
     for own in series.iter().filter(|own| own.quality.is_good()) {
         run += usize::from(own.t != last);
         last = own.t;

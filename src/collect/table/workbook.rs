@@ -13,20 +13,19 @@ mod tokens;
 mod xlsb;
 
 use super::error::{TableError, listed};
+use super::kinds;
 use super::layout::{first_rows, look};
 use super::options::Options;
-use super::source::{Cell, Rows, Source, is_nothing};
+use super::source::{Cell, Rows, Source, TimeBase, is_nothing};
 use super::stamp::DAY;
-use calamine::{Data, DataRef, ExcelDateTime, Reader, Sheets, open_workbook_auto_from_rs};
-use filling::{Filling, Room};
+use calamine::{Data, DataRef, ExcelDateTime, Ods, Reader, Sheets, Xls, Xlsb, Xlsx, open_workbook_from_rs};
+use filling::Filling;
+use limits::Weight;
+use std::fmt::Display;
 use std::io::{Cursor, Read};
 use std::panic::catch_unwind;
 use std::sync::Arc;
 
-/// Most cells of a workbook: Excel's most rows with a dozen columns.
-const MAX_CELLS: usize = 1 << 24;
-/// Most bytes of text in them.
-const MAX_TEXT: usize = 1 << 28;
 /// Largest workbook that is read (bytes); it is unpacked in memory.
 const MAX_BYTES: u64 = 1 << 28;
 /// Columns of a sheet that are read.
@@ -45,7 +44,10 @@ enum Held {
     Clock(i64),
 }
 
-/// A sheet in memory: each row with its number from 1.
+/// A row, with its number from 1.
+type Row = (u64, Vec<Held>);
+
+/// A sheet in memory.
 #[derive(Debug)]
 pub struct Sheet {
     /// Its name.
@@ -54,7 +56,7 @@ pub struct Sheet {
     pub one_of_many: bool,
     /// Whether the workbook counts days from 1904, as Excel for the Macintosh once did.
     pub since_1904: bool,
-    rows: Vec<(u64, Vec<Held>)>,
+    rows: Vec<Row>,
 }
 
 type Book = Sheets<Cursor<Arc<[u8]>>>;
@@ -75,25 +77,57 @@ pub fn read(source: Source<'_>, wanted: Option<&str>, of_record: bool) -> Result
 
 fn read_bytes(bytes: Vec<u8>, wanted: Option<&str>, of_record: bool) -> Result<Sheet, TableError> {
     let bytes: Arc<[u8]> = bytes.into();
-    archive(bytes.clone())?;
-    guard::look(&bytes)?;
+    let parts = parts(bytes.clone());
+    archive(&parts)?;
+    let mut weight = guard::look(&bytes)?;
     let since_1904 = is_since_1904(bytes.clone());
-    let book: Book = open_workbook_auto_from_rs(Cursor::new(bytes))
-        .map_err(|error| TableError::refused(format!("a workbook that cannot be read: {error}")))?;
-    Ok(Sheet { since_1904, ..choose(book, wanted, of_record)? })
+    let book = open(bytes, &parts)?;
+    Ok(Sheet { since_1904, ..choose(book, wanted, of_record, &mut weight)? })
 }
 
+/// The names of what is in an archive; none where it is no archive.
+fn parts(bytes: Arc<[u8]>) -> Vec<String> {
+    let Ok(archive) = zip::ZipArchive::new(Cursor::new(bytes)) else { return Vec::new() };
+    archive.file_names().flatten().map(|name| name.into_owned()).collect()
+}
+
+/// What is in every workbook of Excel that is an archive, and in every one of OpenDocument.
+const PART_OF_EXCEL: &str = "[Content_Types].xml";
+const PART_OF_OPEN_DOCUMENT: &str = "content.xml";
+
 /// Refuses an archive of files that is no workbook, by what is in it.
-fn archive(bytes: Arc<[u8]>) -> Result<(), TableError> {
-    /// What is in every workbook of Excel, and in every one of OpenDocument.
-    const PARTS: [&str; 2] = ["[Content_Types].xml", "content.xml"];
-    let Ok(archive) = zip::ZipArchive::new(Cursor::new(bytes)) else { return Ok(()) };
-    let names: Vec<String> = archive.file_names().flatten().map(|name| name.into_owned()).collect();
-    if names.is_empty() || names.iter().any(|name| PARTS.contains(&name.as_str())) {
+fn archive(parts: &[String]) -> Result<(), TableError> {
+    let is_of_workbook = |name: &String| [PART_OF_EXCEL, PART_OF_OPEN_DOCUMENT].contains(&name.as_str());
+    if parts.is_empty() || parts.iter().any(is_of_workbook) {
         return Ok(());
     }
-    let names = listed(names.iter().map(String::as_str));
+    let names = listed(parts.iter().map(String::as_str));
     Err(TableError::refused(format!("a ZIP archive, no table: it holds {names}; unpack it first")))
+}
+
+/// Opens a workbook as what its parts make it. The library would try one kind after the other, and take for one what was looked at
+/// as another.
+fn open(bytes: Arc<[u8]>, parts: &[String]) -> Result<Book, TableError> {
+    let failed =
+        |error: &dyn Display| TableError::refused(format!("a workbook that cannot be read: {error}"));
+    let is_old = bytes.starts_with(kinds::OLE);
+    let from = Cursor::new(bytes);
+    if is_old {
+        match open_workbook_from_rs::<Xls<_>, _>(from.clone()) {
+            Ok(book) => return Ok(Sheets::Xls(book)),
+            Err(error) if parts.is_empty() => return Err(failed(&error)),
+            // An archive stands behind it.
+            Err(_) => {}
+        }
+    }
+    let has = |own: &str| parts.iter().any(|name| name == own);
+    Ok(if parts.iter().any(|name| guard::small(name) == xlsb::BOOK) {
+        Sheets::Xlsb(open_workbook_from_rs::<Xlsb<_>, _>(from).map_err(|error| failed(&error))?)
+    } else if has(PART_OF_OPEN_DOCUMENT) && !has(PART_OF_EXCEL) {
+        Sheets::Ods(open_workbook_from_rs::<Ods<_>, _>(from).map_err(|error| failed(&error))?)
+    } else {
+        Sheets::Xlsx(open_workbook_from_rs::<Xlsx<_>, _>(from).map_err(|error| failed(&error))?)
+    })
 }
 
 /// Whether an `.xlsx` says that it counts days from 1904. The library heeds it where a cell has the format of a date, and a bare number
@@ -107,24 +141,30 @@ fn is_since_1904(bytes: Arc<[u8]>) -> bool {
     read.is_ok() && ["date1904=\"1\"", "date1904=\"true\""].iter().any(|said| text.contains(said))
 }
 
-fn choose(mut book: Book, wanted: Option<&str>, of_record: bool) -> Result<Sheet, TableError> {
+fn choose(
+    mut book: Book,
+    wanted: Option<&str>,
+    of_record: bool,
+    weight: &mut Weight,
+) -> Result<Sheet, TableError> {
     let names = book.sheet_names();
-    let mut room = Room::default();
     if let Some(wanted) = wanted {
         let name = names.iter().find(|name| name.eq_ignore_ascii_case(wanted)).ok_or_else(|| {
             let names = listed(names.iter().map(String::as_str));
             TableError::refused(format!("no sheet {wanted:?} (--sheet); the workbook has {names}"))
         })?;
-        return sheet(&mut book, name, names.len() > 1, &mut room);
+        return sheet(&mut book, name, names.len() > 1, weight);
     }
     let mut filled = Vec::new();
     for name in &names {
-        let sheet = sheet(&mut book, name, names.len() > 1, &mut room)?;
+        let sheet = sheet(&mut book, name, names.len() > 1, weight)?;
         // A title or a chart's sheet is no table.
         if sheet.rows.iter().filter(|(_, row)| row.len() > 1).count() > 1 {
             filled.push(sheet);
         }
     }
+    // What is made of the sheets does not count with what the library holds.
+    drop(book);
     match filled.len() {
         0 => Err(TableError::refused("no sheet of the workbook holds a table")),
         1 => Ok(filled.remove(0)),
@@ -145,9 +185,9 @@ fn choose(mut book: Book, wanted: Option<&str>, of_record: bool) -> Result<Sheet
     }
 }
 
-fn sheet(book: &mut Book, name: &str, one_of_many: bool, room: &mut Room) -> Result<Sheet, TableError> {
-    let failed = |error: &dyn std::fmt::Display| TableError::refused(format!("sheet {name:?}: {error}"));
-    let mut filling = Filling::new(name, room);
+fn sheet(book: &mut Book, name: &str, one_of_many: bool, weight: &mut Weight) -> Result<Sheet, TableError> {
+    let failed = |error: &dyn Display| TableError::refused(format!("sheet {name:?}: {error}"));
+    let mut filling = Filling::new(name, weight);
     match book {
         // Cell by cell: the size that a sheet says of itself is not to be believed.
         Sheets::Xlsx(book) => {
@@ -288,7 +328,7 @@ impl Rows for SheetRows<'_> {
             None | Some(Held::Blank) => Cell::Blank,
             Some(Held::Text(text)) => Cell::Text(text),
             Some(Held::Number(value)) => Cell::Number(*value),
-            Some(Held::Moment(ns)) => Cell::Moment { ns: *ns, civil: true },
+            Some(Held::Moment(ns)) => Cell::Moment { ns: *ns, base: TimeBase::Civil },
             Some(Held::Clock(ns)) => Cell::Clock(*ns),
         }
     }

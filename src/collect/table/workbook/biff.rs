@@ -3,25 +3,39 @@
 //! and a text of every formula; and it reads the records of a sheet anew for each name of a sheet that leads to them.
 
 use super::fields::{u16_at, u32_at};
+use super::limits::{self, GROWING, TEXT, Weight, heap};
 use super::shared_texts::texts;
 use super::tokens::{Written, written};
-use super::{MAX_CELLS, limits};
 use crate::collect::table::error::TableError;
+use calamine::{Cell, Data, Dimensions};
 use encoding_rs::UTF_16LE;
 
-/// Cells that the sheets may always reach over, and for each byte of the file.
-const FEW_CELLS: u64 = 1 << 18;
-const CELLS_A_BYTE: u64 = 4;
-/// Cells that a sheet may always say it has: 65,536 rows, which some programs tell whatever there is, with twelve columns.
+/// Cells that a sheet may always say it has, beyond what is weighed: 65,536 rows, which some programs tell whatever there is, with
+/// twelve columns. Room for them takes 32 MB, and is touched for cells only.
 const FEW_TOLD: u64 = 3 << 18;
 /// How many times the bytes of all records those of the sheets may be: each should belong to one sheet.
 const TIMES_WALKED: u64 = 8;
-/// How often the library holds the text of a cell: as it was read, as it is handed over, and as it is kept.
-const COPIES: u64 = 3;
-/// Most bytes of UTF-8 that become of a byte, and of a character of a name, in any encoding.
-const OF_A_BYTE: u64 = 4;
+/// Most bytes that the library takes for a byte of a text, in any encoding: four of UTF-8, and as many while it grows. The same for
+/// a byte of UTF-8 of a shared text, which another encoding makes longer; for one of a list, which grows; and for a character of a
+/// name.
+const OF_A_BYTE: u64 = 8;
+const OF_A_SHARED_BYTE: u64 = 2;
+const OF_A_LISTED_BYTE: u64 = 4;
 const OF_A_CHARACTER: u64 = 6;
-/// Bytes that move for each part of the shared texts when one is taken: the places of those behind it.
+/// Bytes that the library takes for a cell in the list of a sheet's cells, for its value, for a formula in the list of them, for the
+/// least text of one that it cannot write, and for cells that are joined.
+const CELL: u64 = size_of::<Cell<Data>>() as u64;
+const VALUE: u64 = size_of::<Data>() as u64;
+const FORMULA_OF_CELL: u64 = size_of::<Cell<String>>() as u64;
+const NO_FORMULA: u64 = 128;
+const JOINED: u64 = size_of::<Dimensions>() as u64;
+/// Bytes of cells that are joined in their record; of a number among many in one, and of what stands around these.
+const JOINED_LEN: usize = 8;
+const NUMBER_LEN: usize = 6;
+/// Bytes that the library takes for a sheet or a name of cells, in lists that grow, and for each byte of the record.
+const ENTRY: u64 = 1024;
+const OF_AN_ENTRY: u64 = 12;
+/// Bytes of the place of a record that continues another, in a list that grows; they move when the one before it is taken.
 const PLACE: u64 = 16;
 
 /// Records: how what follows is encrypted, begin and end of a part, a sheet's place, names of cells, the texts that cells share and
@@ -38,60 +52,69 @@ const DIMENSIONS: u16 = 0x0200;
 const FORMULA: u16 = 0x0006;
 const TEXT_OF_FORMULA: u16 = 0x0207;
 const NUMBERS: u16 = 0x00bd;
+const JOINED_CELLS: u16 = 0x00e5;
 const SHARED_TEXT: u16 = 0x00fd;
 const OWN_TEXTS: [u16; 2] = [0x0204, 0x00d6];
 const OTHER_CELLS: [u16; 3] = [0x0203, 0x0205, 0x027e];
 
-/// Refuses a stream of records, of a file of so many bytes, of which would become far more than it is.
-pub fn look(book: &[u8], own: u64) -> Result<(), TableError> {
-    let Some(wrong) = wrong(book, own) else { return Ok(()) };
+/// Adds what a stream of records would take.
+///
+/// # Errors
+/// A stream of which would become far more than it is.
+pub fn look(book: &[u8], weight: &mut Weight) -> Result<(), TableError> {
+    let Some(wrong) = wrong(book, weight) else { return Ok(()) };
     Err(TableError::refused(format!(
         "a workbook {wrong}; save it again, or the columns that are needed as CSV"
     )))
 }
 
-fn wrong(book: &[u8], own: u64) -> Option<String> {
+fn wrong(book: &[u8], weight: &mut Weight) -> Option<String> {
     if is_encrypted(book) {
         return Some("that is encrypted with a password: take it off".to_string());
     }
-    let shared = Shared::of(book);
-    let mut made = Written { text: 0, moved: shared.moved };
-    if made.moved > limits::moved(own) {
+    let (shared, own) = (Shared::of(book), weight.own());
+    let mut moved = shared.moved;
+    if moved > limits::moved(own) {
         return Some(format!(
             "whose shared texts are cut into {} parts, more than any program writes",
             shared.parts
         ));
     }
-    let most_told = FEW_TOLD.max(own).min(MAX_CELLS as u64);
-    let (mut cells, mut walked) = (0u64, 0u64);
+    weight.library(shared.listed());
+    weight.opening(shared.taken);
+    if let Some(over) = weight.over() {
+        return Some(format!("that {over}, for its shared texts and names"));
+    }
+    let (most_told, mut walked) = (FEW_TOLD.max(own), 0u64);
     for (at, name) in sheets(book) {
         let reach = Reach::of(book.get(at..).unwrap_or_default(), &shared);
-        made = made.and(reach.made);
-        (cells, walked) = (cells.saturating_add(reach.cells()), walked + reach.walked);
-        let (told, text) = (reach.told, made.text);
-        if told > most_told {
+        moved = moved.saturating_add(reach.made.moved);
+        walked += reach.walked;
+        if reach.told > most_told {
+            let told = reach.told;
             return Some(format!(
                 "whose sheet {name:?} says it has {told} cells: {most_told} are taken of {own} bytes"
             ));
         }
-        if text > limits::bytes(own) {
+        weight.library(reach.kept());
+        weight.opening(shared.taken.saturating_add(reach.listed()));
+        weight.handed(reach.handed());
+        if let Some(over) = weight.over() {
             return Some(format!(
-                "of which texts and formulas of {text} bytes would be made up to its sheet {name:?}, from {own}"
+                "that {over}, up to its sheet {name:?}, which reaches over {} cells and has texts and formulas of {} bytes: delete \
+                 cells far from the others",
+                reach.cells(),
+                reach.texts()
             ));
         }
-        if made.moved > limits::moved(own) {
+        if moved > limits::moved(own) {
             return Some(format!("whose sheet {name:?} has formulas that would take minutes"));
         }
         if walked > TIMES_WALKED * book.len() as u64 {
             return Some(format!("whose sheet {name:?} shares its cells with others"));
         }
     }
-    let most = FEW_CELLS.max(own.saturating_mul(CELLS_A_BYTE)).min(MAX_CELLS as u64);
-    (cells > most).then(|| {
-        format!(
-            "whose sheets reach over {cells} cells: {most} are taken of {own} bytes; delete cells far from the others"
-        )
-    })
+    None
 }
 
 /// The records of a stream: kind and bytes.
@@ -140,8 +163,12 @@ fn name_of(data: &[u8]) -> String {
 struct Shared {
     /// Bytes of each text that cells name by its number.
     texts: Vec<u32>,
+    /// Bytes that the library takes for the lists of them, and of what continues a record, while it opens the workbook.
+    taken: u64,
     /// Bytes of the longest name of a sheet or of cells.
     longest: u64,
+    /// Sheets and names of cells, and the bytes of their records.
+    entries: (u64, u64),
     /// Parts that the texts are cut into, and bytes that are moved to put them together.
     parts: usize,
     moved: u64,
@@ -163,10 +190,15 @@ impl Shared {
                     shared.take(&parts);
                     continue;
                 }
+                CONTINUED => {
+                    shared.taken += GROWING * PLACE;
+                    continue;
+                }
                 _ => continue,
             };
             let characters = data.get(len_at).map_or(0, |len| u64::from(*len));
             shared.longest = shared.longest.max(OF_A_CHARACTER * characters);
+            shared.entries = (shared.entries.0 + 1, shared.entries.1 + data.len() as u64);
         }
         shared
     }
@@ -177,6 +209,14 @@ impl Shared {
         self.moved = self.moved.saturating_add(count.saturating_mul(count) / 2 * PLACE);
         self.parts = self.parts.max(parts.len());
         self.texts = texts(parts);
+        let each = |bytes: &u32| GROWING * TEXT + heap(OF_A_LISTED_BYTE * u64::from(*bytes));
+        self.taken += self.texts.iter().map(each).sum::<u64>() + GROWING * PLACE * count;
+    }
+
+    /// Bytes that the library takes for sheets and names of cells. A name may stand for cells of the sheet with the longest name.
+    fn listed(&self) -> u64 {
+        let (count, bytes) = self.entries;
+        count.saturating_mul(ENTRY + heap(self.longest)).saturating_add(OF_AN_ENTRY * bytes)
     }
 
     /// Bytes of the text with a number.
@@ -190,9 +230,16 @@ impl Shared {
 struct Reach {
     rows: Option<(u16, u16)>,
     columns: Option<(u16, u16)>,
-    /// The cells that it says it has.
+    /// The cells that it says it has, and those that it has.
     told: u64,
-    /// Texts of its cells and formulas.
+    count: u64,
+    /// Formulas of cells, cells that are joined, and records that continue others.
+    formulas: u64,
+    joined: u64,
+    continued: u64,
+    /// Bytes of the texts of its cells.
+    text: u64,
+    /// Texts of its formulas.
     made: Written,
     /// Bytes of its records.
     walked: u64,
@@ -205,6 +252,7 @@ impl Reach {
         let (mut has_begun, mut within, mut formula) = (false, 0u64, Some((0, 0)));
         for (kind, data) in records(stream) {
             reach.walked += 4 + data.len() as u64;
+            reach.continued += u64::from(kind == CONTINUED);
             let place = || u16_at(data, 0).zip(u16_at(data, 2));
             match kind {
                 // A chart within a sheet has cells of its own.
@@ -214,50 +262,81 @@ impl Reach {
                 END_OF_PART => break,
                 _ if within > 0 => {}
                 DIMENSIONS => reach.told = reach.told.saturating_add(told(data).unwrap_or(0)),
+                JOINED_CELLS => reach.joined += (data.len() / JOINED_LEN) as u64,
                 FORMULA => {
                     formula = place().or(formula);
-                    reach.take(formula);
+                    reach.take(formula, 1);
+                    reach.formulas += 1;
                     reach.made = reach.made.and(of_formula(data, shared.longest));
                 }
                 TEXT_OF_FORMULA => {
-                    reach.take(formula);
+                    reach.take(formula, 1);
                     reach.text(room(data));
                 }
                 NUMBERS => {
-                    reach.take(place());
-                    reach.take(u16_at(data, 0).zip(u16_at(data, data.len().saturating_sub(2))));
+                    let last = u16_at(data, data.len().saturating_sub(2));
+                    reach.take(place(), (data.len().saturating_sub(NUMBER_LEN) / NUMBER_LEN) as u64);
+                    reach.take(u16_at(data, 0).zip(last), 0);
                 }
                 SHARED_TEXT => {
-                    reach.take(place());
-                    reach.text(shared.bytes(u32_at(data, 6)));
+                    reach.take(place(), 1);
+                    reach.text(OF_A_SHARED_BYTE * shared.bytes(u32_at(data, 6)));
                 }
                 _ if OWN_TEXTS.contains(&kind) => {
-                    reach.take(place());
+                    reach.take(place(), 1);
                     reach.text(room(data.get(6..).unwrap_or_default()));
                 }
-                _ if OTHER_CELLS.contains(&kind) => reach.take(place()),
+                _ if OTHER_CELLS.contains(&kind) => reach.take(place(), 1),
                 _ => {}
             }
         }
         reach
     }
 
-    fn take(&mut self, place: Option<(u16, u16)>) {
+    /// So many cells, of which one is there.
+    fn take(&mut self, place: Option<(u16, u16)>, count: u64) {
         let Some((row, column)) = place else { return };
         let wider = |from_to: Option<(u16, u16)>, at: u16| {
             let (from, to) = from_to.unwrap_or((at, at));
             Some((from.min(at), to.max(at)))
         };
         (self.rows, self.columns) = (wider(self.rows, row), wider(self.columns, column));
+        self.count += count;
     }
 
     fn text(&mut self, bytes: u64) {
-        self.made = self.made.and(Written { text: COPIES * bytes, moved: 0 });
+        self.text = self.text.saturating_add(heap(bytes));
     }
 
+    /// Cells from the first to the last row and column.
     fn cells(&self) -> u64 {
         let count = |from_to: Option<(u16, u16)>| from_to.map_or(0, |(from, to)| u64::from(to - from) + 1);
         count(self.rows) * count(self.columns)
+    }
+
+    /// Bytes of its texts and formulas. A formula grows while it is written.
+    fn texts(&self) -> u64 {
+        let formulas = self.made.text.saturating_mul(2).saturating_add(self.formulas * NO_FORMULA);
+        self.text.saturating_add(formulas)
+    }
+
+    /// Bytes that the library keeps of it.
+    fn kept(&self) -> u64 {
+        let each = VALUE + if self.formulas > 0 { TEXT } else { 0 };
+        let joined = GROWING * JOINED * self.joined;
+        self.cells().saturating_mul(each).saturating_add(self.texts()).saturating_add(joined)
+    }
+
+    /// Bytes that the library takes for the lists of its cells and formulas while it opens the workbook: room for the cells that it
+    /// was told of, and lists that grow.
+    fn listed(&self) -> u64 {
+        let lists = CELL * self.count + FORMULA_OF_CELL * self.formulas + PLACE * self.continued;
+        self.told.saturating_sub(FEW_TOLD).saturating_mul(CELL).saturating_add(GROWING * lists)
+    }
+
+    /// Bytes of a copy of its cells.
+    fn handed(&self) -> u64 {
+        self.cells().saturating_mul(VALUE).saturating_add(self.text)
     }
 }
 
@@ -310,7 +389,7 @@ mod tests {
         let after = [record(END_OF_PART, &[]), number(60_000, 255)].concat();
         let whole = reach(&[begin.clone(), own.clone(), after].concat());
         assert_eq!((whole.rows, whole.columns, whole.told), (Some((2, 5)), Some((1, 3)), 0));
-        assert_eq!(whole.cells(), 4 * 3);
+        assert_eq!((whole.cells(), whole.count), (4 * 3, 2 + 2));
         assert_eq!(whole.walked, (begin.len() + own.len() + 4) as u64, "no record behind its end");
         let text = [record(FORMULA, &[7, 8]), record(TEXT_OF_FORMULA, &[0])].concat();
         assert_eq!(reach(&text).cells(), 1);
@@ -337,13 +416,34 @@ mod tests {
 
     #[test]
     fn texts_are_counted_for_each_cell_and_as_long_as_they_are_told() {
-        let text = |records: &[Vec<u8>]| reach(&records.concat()).made.text;
+        let text = |records: &[Vec<u8>]| reach(&records.concat()).text;
         let shared = |number: u16| record(SHARED_TEXT, &[0, 0, 0, number, 0]);
-        assert_eq!(text(&[shared(0), shared(1), shared(1)]), COPIES * (5 + 2 * 70_000));
+        assert_eq!(text(&[shared(0), shared(1), shared(1)]), 16 + 2 * 140_000);
         assert_eq!(text(&[shared(2), record(SHARED_TEXT, &[0, 0])]), 0, "there is no such text");
-        assert_eq!(text(&[record(0x0204, &[0, 0, 0, 0xffff, 0])]), COPIES * 0xffff);
-        assert_eq!(text(&[record(TEXT_OF_FORMULA, &[0xffff])]), COPIES * 0xffff);
-        assert_eq!(text(&[record(0x00d6, &[0, 0, 0, 2, 0x6100, 0x62])]), COPIES * OF_A_BYTE * 6);
+        assert_eq!(text(&[record(0x0204, &[0, 0, 0, 0xffff, 0])]), 0x1_0000);
+        assert_eq!(text(&[record(TEXT_OF_FORMULA, &[0xffff])]), 0x1_0000);
+        assert_eq!(text(&[record(0x00d6, &[0, 0, 0, 2, 0x6100, 0x62])]), OF_A_BYTE * 6);
+    }
+
+    #[test]
+    fn what_a_sheet_takes_is_counted_by_the_lists_of_the_library() {
+        let cells = [number(0, 0), number(1, 9)].concat();
+        let plain = reach(&cells);
+        assert_eq!(
+            (plain.kept(), plain.listed(), plain.handed()),
+            (20 * VALUE, GROWING * 2 * CELL, 20 * VALUE)
+        );
+        let with_text = reach(&[cells.clone(), record(SHARED_TEXT, &[0, 0, 0, 0, 0])].concat());
+        assert_eq!((with_text.kept(), with_text.handed()), (20 * VALUE + 16, 20 * VALUE + 16));
+        let with_formula = reach(&[cells.clone(), record(FORMULA, &[0; 10])].concat());
+        assert_eq!(with_formula.kept(), 20 * (VALUE + TEXT) + NO_FORMULA);
+        assert_eq!(with_formula.listed(), GROWING * (3 * CELL + FORMULA_OF_CELL));
+        let joined = record(JOINED_CELLS, &[2, 0, 1, 0, 1, 5, 6, 0, 1]);
+        assert_eq!(reach(&joined).kept(), GROWING * 2 * JOINED);
+        let continued = reach(&[cells.clone(), record(CONTINUED, &[])].concat());
+        assert_eq!(continued.listed() - plain.listed(), GROWING * PLACE);
+        let told = reach(&[cells, record(DIMENSIONS, &[0, 0, 0, 16, 0, 1, 0])].concat());
+        assert_eq!(told.listed() - plain.listed(), ((1 << 20) - FEW_TOLD) * CELL);
     }
 
     #[test]
@@ -372,6 +472,7 @@ mod tests {
         assert_eq!(sheets, [(9, "S".to_string()), (9, "T".to_string())]);
         let shared = Shared::of(&book);
         assert_eq!((shared.texts.as_slice(), shared.longest, shared.parts), (&[1, 1][..], 6, 2));
+        assert_eq!((shared.taken, shared.entries), (2 * (GROWING * (TEXT + PLACE) + 16), (2, 20)));
         assert_eq!((shared.bytes(Some(1)), shared.bytes(Some(2)), shared.bytes(None)), (1, 0, 0));
         assert_eq!(name_of(&[0, 0, 0, 0, 0, 0, 3, b'A', b'B', b'C', b'D']), "ABC", "as Excel 5 writes it");
         assert_eq!(name_of(&[0, 0, 0]), "");

@@ -1,55 +1,76 @@
 //! What the library that opens workbooks makes of the tables of an OpenDocument sheet: of a cell that is said to be there a
 //! thousand times it makes a thousand.
 
+use super::limits::{GROWING, TEXT, Weight, heap};
 use super::tags::{Tag, Tags, attributes, number};
+use calamine::Data;
 use std::io::{self, BufRead};
 
 /// Rows and columns at which the library stops repeating.
 const MAX_ROWS: u64 = 1 << 20;
 const MAX_COLUMNS: u64 = 1 << 14;
-/// Bytes that it takes for a cell: a value, and a formula where there is one.
-const CELL: u64 = 64;
+/// Bytes that it takes for the value of a cell; beside it is the text of its formula.
+const VALUE: u64 = size_of::<Data>() as u64;
+/// Bytes that it takes for a cell as it is written, in a list of values and one of formulas: both may have twice the room that they
+/// need, and one of them grows.
+const WRITTEN: u64 = 2 * VALUE + GROWING * TEXT;
 
 const CELLS: [&[u8]; 2] = [b"table:table-cell", b"table:covered-table-cell"];
 
-/// What is made of all tables.
+/// What is made of a table.
 #[derive(Debug, Default, PartialEq, Eq)]
-pub struct Made {
-    /// Cells, with the blank ones between others and those that fill the rows to the width of the table.
-    pub cells: u64,
-    /// Bytes of texts and formulas.
-    pub text: u64,
-    /// Whether the document ends within a table. The library would wait for its end without one.
-    pub is_cut: bool,
+struct Table {
+    /// Cells of its rows as they are written, with the blank ones between others.
+    written: u64,
+    /// Cells of all rows as often as they are repeated, each as wide as the widest.
+    cells: u64,
+    /// Whether rows are repeated among them.
+    is_repeated: bool,
+    /// Whether it has formulas.
+    has_formulas: bool,
+    /// Bytes of texts and formulas of its rows as they are written.
+    text_written: u64,
+    /// The same as often as they are repeated.
+    text: u64,
 }
 
-impl Made {
-    /// Bytes that are taken for it.
-    pub fn bytes(&self) -> u64 {
-        self.cells.saturating_mul(CELL).saturating_add(self.text)
+impl Table {
+    fn add_to(&self, weight: &mut Weight) {
+        let each = VALUE + if self.has_formulas { TEXT } else { 0 };
+        let all = self.cells.saturating_mul(each);
+        // There is room for the rows as they are written: where they are repeated it grows.
+        let kept = if self.is_repeated { all.saturating_mul(2) } else { all };
+        let growing = if self.is_repeated { all } else { 0 };
+        weight.library(kept.saturating_add(self.text));
+        let written = self.written.saturating_mul(WRITTEN).saturating_add(self.text_written);
+        weight.opening(written.saturating_add(growing));
+        weight.handed(self.cells.saturating_mul(VALUE).saturating_add(self.text));
     }
 }
 
-/// Counts what the library would make of a document. It is counted high rather than low where that is simpler.
-pub fn made(tags: &mut Tags<impl BufRead>) -> io::Result<Made> {
-    let mut made = Made::default();
+/// Adds what the library would make of a document. It is counted high rather than low where that is simpler. Whether the document
+/// ends within a table: the library would wait for its end without one.
+///
+/// # Errors
+/// What the reader said.
+pub fn look(tags: &mut Tags<impl BufRead>, weight: &mut Weight) -> io::Result<bool> {
     while let Some(tag) = tags.tag()? {
         let Tag::Begin(b"table:table", written) = tag else { continue };
         if attributes(written).any(|(name, _)| name == b"table:name") {
-            table(tags, &mut made)?;
+            let Some(table) = table(tags)? else { return Ok(true) };
+            table.add_to(weight);
         }
     }
-    Ok(made)
+    Ok(false)
 }
 
-/// One table: each row as it is written, and then all of them as often as they are repeated and as wide as the widest.
-fn table(tags: &mut Tags<impl BufRead>, made: &mut Made) -> io::Result<()> {
-    let (mut left, mut rows, mut blank, mut width) = (MAX_ROWS, 0u64, 0u64, 0u64);
+/// One table: each row as it is written, and then all of them as often as they are repeated and as wide as the widest. `None` where
+/// the document ends before it.
+fn table(tags: &mut Tags<impl BufRead>) -> io::Result<Option<Table>> {
+    let (mut table, mut left, mut rows, mut width) = (Table::default(), MAX_ROWS, 0u64, 0u64);
+    let (mut blank, mut is_blank_repeated) = (0u64, false);
     loop {
-        let Some(tag) = tags.tag()? else {
-            made.is_cut = true;
-            break;
-        };
+        let Some(tag) = tags.tag()? else { return Ok(None) };
         let written = match tag {
             Tag::End(b"table:table") => break,
             Tag::Begin(b"table:table-row", written) => written,
@@ -58,18 +79,22 @@ fn table(tags: &mut Tags<impl BufRead>, made: &mut Made) -> io::Result<()> {
         let repeats = number(written, "table:number-rows-repeated").min(left);
         left -= repeats;
         let row = row(tags)?;
-        made.cells = made.cells.saturating_add(row.cells);
-        made.text = made.text.saturating_add(row.text.saturating_mul(repeats.saturating_add(1)));
+        table.written = table.written.saturating_add(row.cells);
+        table.has_formulas |= row.has_formulas;
+        table.text_written = table.text_written.saturating_add(row.text);
+        table.text = table.text.saturating_add(row.text.saturating_mul(repeats));
         // Room is made for a row that is repeated no time, too. Blank rows count between others only.
         if row.width == 0 {
             blank += repeats.max(1);
-        } else {
-            rows += repeats.max(1) + if rows > 0 { blank } else { 0 };
-            (blank, width) = (0, width.max(row.width));
+            is_blank_repeated |= repeats > 1;
+            continue;
         }
+        table.is_repeated |= repeats > 1 || (rows > 0 && is_blank_repeated);
+        rows += repeats.max(1) + if rows > 0 { blank } else { 0 };
+        (blank, is_blank_repeated, width) = (0, false, width.max(row.width));
     }
-    made.cells = made.cells.saturating_add(rows.saturating_mul(width));
-    Ok(())
+    table.cells = rows.saturating_mul(width);
+    Ok(Some(table))
 }
 
 /// A row as it is written.
@@ -80,6 +105,7 @@ struct Row {
     /// How far it reaches; 0 where all of it is blank.
     width: u64,
     text: u64,
+    has_formulas: bool,
 }
 
 fn row(tags: &mut Tags<impl BufRead>) -> io::Result<Row> {
@@ -93,7 +119,7 @@ fn row(tags: &mut Tags<impl BufRead>) -> io::Result<Row> {
         let Some(name) = CELLS.into_iter().find(|own| *own == name) else { continue };
         let repeats = number(written, "table:number-columns-repeated");
         let cell = Cell::new(written);
-        let text = cell.text.saturating_add(content(tags, name, cell.is_in_content)?);
+        let text = cell.text.saturating_add(heap(content(tags, name, cell.is_in_content)?));
         // Blank cells are made as soon as another one follows, be it blank as well.
         row.cells += blank.min(MAX_COLUMNS - row.cells);
         let repeats = repeats.min(MAX_COLUMNS - row.cells);
@@ -104,6 +130,7 @@ fn row(tags: &mut Tags<impl BufRead>) -> io::Result<Row> {
         (row.cells, blank) = (row.cells + repeats, 0);
         if repeats > 0 {
             row.width = row.cells;
+            row.has_formulas |= cell.has_formula;
         }
         row.text = row.text.saturating_add(text.saturating_mul(repeats));
     }
@@ -139,7 +166,7 @@ impl Cell {
             }
         }
         let is_in_content = !has_value && is_string || is_error && is_hollow;
-        Self { has_value, is_in_content, text: text + formula, has_formula: formula > 0 }
+        Self { has_value, is_in_content, text: heap(text) + heap(formula), has_formula: formula > 0 }
     }
 
     fn is_blank(&self) -> bool {
@@ -177,11 +204,22 @@ mod tests {
 
     const FLOAT: &str = "<table:table-cell office:value-type=\"float\" office:value=\"1\"><text:p>1</text:p></table:table-cell>";
 
-    fn of(rows: &str) -> Made {
-        let text = format!(
-            "<office:spreadsheet><table:table table:name=\"S\">{rows}</table:table></office:spreadsheet>"
-        );
-        made(&mut Tags::new(text.as_bytes())).expect("text")
+    /// The table of these rows.
+    fn table_of(rows: &str) -> Table {
+        let text = format!("{rows}</table:table>");
+        table(&mut Tags::new(text.as_bytes())).expect("text").expect("it ends")
+    }
+
+    /// Its cells as they are written and as they are repeated, and the bytes of its texts.
+    fn of(rows: &str) -> (u64, u64, u64) {
+        let table = table_of(rows);
+        (table.written, table.cells, table.text)
+    }
+
+    /// Whether a document is cut, and what the workbook would take.
+    fn looked(text: &str) -> (bool, Weight) {
+        let mut weight = Weight::of(0);
+        (look(&mut Tags::new(text.as_bytes()), &mut weight).expect("text"), weight)
     }
 
     /// Rows of cells, each with its attributes.
@@ -197,32 +235,26 @@ mod tests {
     fn blanks_to_the_end_of_the_sheet_are_no_cells() {
         let two = row("", &[FLOAT, FLOAT, &blank(16_382)]);
         let rest = row(" table:number-rows-repeated=\"1048574\"", &[&blank(16_384)]);
-        // Each cell once in its row, and once in the table.
-        assert_eq!(of(&(two.repeat(2) + &rest)), Made { cells: 8, text: 0, is_cut: false });
-        assert_eq!(of(&(rest.clone() + &two)).cells, 4, "nor are those above the table");
-        assert_eq!(of(""), Made::default());
+        let whole = table_of(&(two.repeat(2) + &rest));
+        assert_eq!(whole, Table { written: 4, cells: 4, ..Table::default() });
+        assert_eq!(of(&(rest.clone() + &two)), (2, 2, 0), "nor are those above the table");
+        assert_eq!(of(""), (0, 0, 0));
     }
 
     #[test]
     fn what_stands_between_cells_or_is_repeated_is_counted() {
-        assert_eq!(of(&row("", &[FLOAT, &blank(8), FLOAT])).cells, 10 + 10);
-        assert_eq!(
-            of(&row(
-                "",
-                &[&FLOAT.replace("table-cell ", "table-cell table:number-columns-repeated=\"99999\" ")]
-            ))
-            .cells,
-            2 << 14
-        );
+        assert_eq!(of(&row("", &[FLOAT, &blank(8), FLOAT])), (10, 10, 0));
+        let wide = FLOAT.replace("table-cell ", "table-cell table:number-columns-repeated=\"99999\" ");
+        assert_eq!(of(&row("", &[&wide])), (1 << 14, 1 << 14, 0));
         let far = row("", &[FLOAT])
             + &row(" table:number-rows-repeated=\"1000\"", &[&blank(5)])
             + &row("", &[FLOAT]);
-        assert_eq!(of(&far).cells, 2 + 1002);
-        let wide = row("", &[FLOAT]).repeat(100) + &row("", &[&blank(999), FLOAT]);
-        assert_eq!(of(&wide).cells, 100 + 1000 + 101 * 1000);
-        assert_eq!(of(&row(" table:number-rows-repeated=\"2000000\"", &[FLOAT])).cells, 1 + (1 << 20));
-        let unread = "<table:table><table:table-row table:number-rows-repeated=\"9\"/></table:table>";
-        assert_eq!(made(&mut Tags::new(unread.as_bytes())).expect("text"), Made::default(), "it has no name");
+        assert_eq!(table_of(&far), Table { written: 2, cells: 1002, is_repeated: true, ..Table::default() });
+        let ragged = row("", &[FLOAT]).repeat(100) + &row("", &[&blank(999), FLOAT]);
+        let made = Table { written: 100 + 1000, cells: 101 * 1000, ..Table::default() };
+        assert_eq!(table_of(&ragged), made);
+        let high = table_of(&row(" table:number-rows-repeated=\"2000000\"", &[FLOAT]));
+        assert_eq!(high, Table { written: 1, cells: 1 << 20, is_repeated: true, ..Table::default() });
     }
 
     #[test]
@@ -230,21 +262,44 @@ mod tests {
         let cell = |attributes: &str, inside: &str| {
             row("", &[&format!("<table:table-cell{attributes}>{inside}</table:table-cell>")])
         };
-        assert_eq!(of(&cell("", "<text:p>no value</text:p>")).bytes(), 0);
+        assert_eq!(of(&cell("", "<text:p>no value</text:p>")), (0, 0, 0));
         let one = of(&cell(" office:value-type=\"string\"", "<text:p>1234</text:p>"));
-        assert!(one.cells == 2 && (8..100).contains(&one.text), "{one:?}");
+        assert!((one.0, one.1) == (1, 1) && (8..100).contains(&one.2), "{one:?}");
         let many = of(&cell(
             " table:number-columns-repeated=\"50\" office:value-type=\"string\"",
             "<text:p>1234</text:p>",
         ));
-        assert_eq!((many.cells, many.text), (100, 50 * one.text));
+        assert_eq!(many, (50, 50, 50 * one.2));
         let blanks =
             of(&cell(" office:value-type=\"string\"", "<text:p><text:s text:c=\"2000000000\"/></text:p>"));
-        assert!(blanks.bytes() > 2_000_000_000, "{blanks:?}");
-        let told = of(&cell(" office:string-value=\"12345\" table:formula=\"of:=1\"", ""));
-        assert_eq!((told.cells, told.text), (2, 2 * 10));
-        let formula = of(&cell(" table:formula=\"of:=1\"", ""));
-        assert_eq!((formula.cells, formula.text), (2, 2 * 5));
+        assert!(blanks.2 > 2_000_000_000, "{blanks:?}");
+        let told = table_of(&cell(" office:string-value=\"12345\" table:formula=\"of:=1\"", ""));
+        let made = Table { written: 1, cells: 1, has_formulas: true, text_written: 32, ..Table::default() };
+        assert_eq!(told, Table { text: 32, ..made });
+        let formula = "<table:table-cell table:formula=\"of:=1\"/>";
+        let thrice = row(" table:number-rows-repeated=\"3\"", &[formula]);
+        let made = Table { written: 1, cells: 3, is_repeated: true, has_formulas: true, ..Table::default() };
+        assert_eq!(table_of(&thrice), Table { text_written: 16, text: 48, ..made });
+    }
+
+    #[test]
+    fn a_table_is_counted_while_it_is_read_and_as_it_is_kept() {
+        let over = |table: Table| {
+            let mut weight = Weight::of(0);
+            table.add_to(&mut weight);
+            weight.over().is_some()
+        };
+        // 168 bytes for a cell of a plain table: 136 in its rows, and 32 as it is kept.
+        let plain = |cells: u64| Table { written: cells, cells, ..Table::default() };
+        assert!(!over(plain(94_000)) && over(plain(96_000)));
+        // 96 for one that is repeated: it is kept with twice the room, and grows or is handed over.
+        let repeated = |cells: u64| Table { cells, is_repeated: true, ..Table::default() };
+        assert!(!over(repeated(160_000)) && over(repeated(170_000)));
+        // 168 where there are formulas.
+        let formulas = |cells: u64| Table { has_formulas: true, ..repeated(cells) };
+        assert!(!over(formulas(94_000)) && over(formulas(96_000)));
+        let text = |text: u64| Table { text, ..Table::default() };
+        assert!(!over(text(7_900_000)) && over(text(8_100_000)), "as it is kept, and handed over");
     }
 
     #[test]
@@ -253,9 +308,9 @@ mod tests {
         let text = format!(
             "<table:table-cell office:value-type=\"string\">{note}<text:p>a</text:p></table:table-cell>"
         );
-        assert_eq!(of(&row("", &[&text, FLOAT])).cells, 4);
+        assert_eq!(of(&row("", &[&text, FLOAT])).1, 2);
         let inner = format!("<table:table-cell office:value=\"1\">{FLOAT}{FLOAT}</table:table-cell>");
-        assert_eq!(of(&row("", &[&inner, FLOAT])).cells, 4);
+        assert_eq!(of(&row("", &[&inner, FLOAT])).1, 2);
     }
 
     #[test]
@@ -263,7 +318,17 @@ mod tests {
         let whole = format!("<table:table table:name=\"S\">{}</table:table>", row("", &[FLOAT]));
         for (cut, is_cut) in [(0, false), (1, true), (20, true), (60, true), (whole.len() - 10, false)] {
             let text = &whole[..whole.len() - cut];
-            assert_eq!(made(&mut Tags::new(text.as_bytes())).expect("text").is_cut, is_cut, "{text}");
+            assert_eq!(looked(text).0, is_cut, "{text}");
         }
+    }
+
+    #[test]
+    fn tables_with_a_name_count_together() {
+        let rows = row(" table:number-rows-repeated=\"90000\"", &[FLOAT]);
+        let document = |table: &str| format!("<office:spreadsheet>{}</office:spreadsheet>", table.repeat(3));
+        let over = |table: &str| looked(&document(table)).1.over().is_some();
+        // One would take 96 bytes for each cell, and three 64 for each and 32 for those of one.
+        assert!(over(&format!("<table:table table:name=\"S\">{rows}</table:table>")));
+        assert!(!over(&format!("<table:table>{rows}</table:table>")), "the library leaves them out");
     }
 }

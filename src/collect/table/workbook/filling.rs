@@ -1,43 +1,32 @@
-//! A sheet that is filled cell by cell, and the room that the sheets of a workbook have together.
+//! A sheet that is filled cell by cell, and counted while it is.
 
-use super::{Held, MAX_CELLS, MAX_COLUMNS, MAX_TEXT, Sheet};
+use super::limits::{GROWING, Weight, heap};
+use super::{Held, MAX_COLUMNS, Row, Sheet};
 use crate::collect::table::error::TableError;
+use crate::signal::Sample;
 
-/// What the sheets of a workbook may take yet.
-#[derive(Debug)]
-pub struct Room {
-    cells: usize,
-    /// Bytes of texts. One that many cells share is held as often.
-    text: usize,
-}
-
-impl Default for Room {
-    fn default() -> Self {
-        Self { cells: MAX_CELLS, text: MAX_TEXT }
-    }
-}
-
-impl Room {
-    /// Takes so much of it; `false` where there is less.
-    fn take(&mut self, cells: usize, text: usize) -> bool {
-        let left = self.cells.checked_sub(cells).zip(self.text.checked_sub(text));
-        if let Some((cells, text)) = left {
-            *self = Self { cells, text };
-        }
-        left.is_some()
-    }
-}
+/// Bytes of a cell, and of a row in a list that grows.
+const CELL: u64 = size_of::<Held>() as u64;
+const ROW: u64 = GROWING * size_of::<Row>() as u64;
+/// Bytes that are made of a cell when the sheet is read: a sample in a series that grows, or the cell as it is looked at among the
+/// first rows.
+const MADE: u64 = GROWING * size_of::<Sample>() as u64;
+/// Bytes of the counts beside a text that cells may share.
+const COUNTS: u64 = 2 * size_of::<usize>() as u64;
+/// Numbers that are written with few digits, and most bytes of all others.
+const SHORT: std::ops::Range<f64> = 1e-5..1e16;
+const LONG: u64 = 400;
 
 /// A sheet on the way.
 pub struct Filling<'f> {
-    rows: Vec<(u64, Vec<Held>)>,
+    rows: Vec<Row>,
     name: &'f str,
-    room: &'f mut Room,
+    weight: &'f mut Weight,
 }
 
 impl<'f> Filling<'f> {
-    pub fn new(name: &'f str, room: &'f mut Room) -> Self {
-        Self { rows: Vec::new(), name, room }
+    pub fn new(name: &'f str, weight: &'f mut Weight) -> Self {
+        Self { rows: Vec::new(), name, weight }
     }
 
     /// One more cell, by its row and column from 0. Blank cells before it in its row take room as well.
@@ -48,23 +37,29 @@ impl<'f> Filling<'f> {
         if matches!(held, Held::Blank) || column >= MAX_COLUMNS {
             return Ok(());
         }
-        let line = u64::from(row) + 1;
+        let (line, at) = (u64::from(row) + 1, column as usize);
         if self.rows.last().is_none_or(|(last, _)| *last != line) {
-            self.rows.push((line, Vec::new()));
+            // Most rows are as long as the one before.
+            let len = self.rows.last().map_or(0, |(_, cells)| cells.len()).max(at + 1);
+            let cells = Vec::with_capacity(len);
+            self.weight.keep(ROW + CELL * cells.capacity() as u64, MADE * cells.capacity() as u64);
+            self.rows.push((line, cells));
         }
         let Some((_, cells)) = self.rows.last_mut() else { return Ok(()) };
-        let (at, before) = (column as usize, cells.len());
-        cells.resize(before.max(at + 1), Held::Blank);
-        let text = if let Held::Text(text) = &held { text.len() } else { 0 };
-        let has_room = self.room.take(cells.len() - before, text);
+        let room = cells.capacity();
+        cells.resize(cells.len().max(at + 1), Held::Blank);
+        let more = (cells.capacity() - room) as u64;
+        let (text, shown) = match &held {
+            Held::Text(text) => (heap(COUNTS + text.len() as u64), text.len() as u64),
+            Held::Number(value) if *value != 0.0 && !SHORT.contains(&value.abs()) => (0, LONG),
+            _ => (0, 0),
+        };
         cells[at] = held;
-        if has_room {
-            return Ok(());
-        }
+        self.weight.keep(CELL * more + text, MADE * more + shown);
+        let Some(over) = self.weight.over() else { return Ok(()) };
         let name = self.name;
         Err(TableError::refused(format!(
-            "sheet {name:?}: the workbook has more than {MAX_CELLS} cells, or {MAX_TEXT} bytes of text, up to here; say which \
-             sheet with --sheet, or save the columns that are needed as CSV"
+            "sheet {name:?}: the workbook {over}, up to here; say which sheet with --sheet, or save the columns that are needed as CSV"
         )))
     }
 
@@ -77,39 +72,50 @@ impl<'f> Filling<'f> {
 mod tests {
     use super::*;
 
-    fn said(put: Result<(), TableError>) -> String {
-        put.expect_err("there is no room").to_string()
+    /// Fills a sheet up to the first cell that is one too many, each in a row of its own; cells that there was room for.
+    fn filled(weight: &mut Weight, column: u32, held: &Held) -> (u32, String) {
+        let mut sheet = Filling::new("S", weight);
+        let put = (0..1_000_000).find_map(|row| Some((row, sheet.put((row, column), held.clone()).err()?)));
+        let (count, error) = put.expect("there is an end");
+        (count, error.to_string())
     }
 
     #[test]
-    fn the_sheets_of_a_workbook_share_its_cells() {
-        let mut room = Room { cells: 5, text: 0 };
-        let mut first = Filling::new("first", &mut room);
-        // The one between is blank.
-        first
-            .put((0, 0), Held::Number(1.0))
-            .and_then(|()| first.put((0, 2), Held::Number(2.0)))
-            .expect("three");
-        first.put((9, MAX_COLUMNS), Held::Number(3.0)).expect("no column that is read");
-        first.put((9, 0), Held::Blank).expect("nothing");
-        assert_eq!(first.end(true).rows.len(), 1);
-        let mut second = Filling::new("second", &mut room);
-        second.put((7, 1), Held::Number(1.0)).expect("two more");
-        second.put((7, 0), Held::Number(2.0)).expect("one that was counted");
-        let said = said(second.put((8, 0), Held::Number(1.0)));
+    fn the_sheets_of_a_workbook_share_its_memory() {
+        // Cells of a row before one in the last column are blank: each row takes 4096 cells of 24 + 72 bytes.
+        let mut weight = Weight::of(0);
+        let mut first = Filling::new("first", &mut weight);
+        (0..30).try_for_each(|row| first.put((row, MAX_COLUMNS - 1), Held::Number(1.0))).expect("12 MB");
+        first.put((30, MAX_COLUMNS), Held::Number(3.0)).expect("no column that is read");
+        first.put((30, 0), Held::Blank).expect("nothing");
+        assert_eq!(first.end(true).rows.len(), 30);
+        let mut second = Filling::new("second", &mut weight);
+        let said = (0..30).find_map(|row| second.put((row, MAX_COLUMNS - 1), Held::Number(1.0)).err());
+        let said = said.expect("there is no room").to_string();
         assert!(
-            said.starts_with("sheet \"second\": the workbook has more than") && said.contains("--sheet"),
+            said.starts_with("sheet \"second\": the workbook would take ") && said.contains("--sheet"),
             "{said}"
         );
     }
 
     #[test]
-    fn a_text_takes_room_in_each_of_its_cells() {
-        let mut room = Room { cells: 100, text: 10 };
-        let mut sheet = Filling::new("texts", &mut room);
-        let text = || Held::Text("12345".into());
-        sheet.put((0, 0), text()).and_then(|()| sheet.put((1, 0), text())).expect("ten bytes");
-        sheet.put((2, 0), Held::Number(1.0)).expect("no text");
-        assert!(said(sheet.put((3, 0), text())).contains("bytes of text"));
+    fn a_cell_takes_what_is_kept_of_it_and_what_is_made_of_it() {
+        let count = |held: &Held| filled(&mut Weight::of(0), 0, held).0;
+        // 24 and 96 bytes for the cell and its row, and 72 for the sample: 192 in all.
+        assert!((83_000..84_000).contains(&count(&Held::Number(50.5))));
+        assert!(count(&Held::Number(0.0)) > 83_000);
+        // A text is there once more when it is looked at, and a number may be written with hundreds of digits.
+        let text = Held::Text("x".repeat(100_000).into());
+        assert!((79..81).contains(&count(&text)));
+        assert!((26_000..28_000).contains(&count(&Held::Number(1e-300))));
+    }
+
+    #[test]
+    fn what_the_library_holds_counts_with_the_sheet() {
+        let mut weight = Weight::of(0);
+        weight.library(15_000_000);
+        let (count, said) = filled(&mut weight, 0, &Held::Number(50.5));
+        // 120 bytes are kept of each while the library is there.
+        assert!((8_000..8_500).contains(&count), "{count}: {said}");
     }
 }

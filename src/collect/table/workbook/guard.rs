@@ -1,27 +1,42 @@
 //! Looks at a workbook before the library opens it, which believes what the file says of itself: how many texts it has, how often
 //! a cell is there, how long a record is. Where memory cannot be had the process ends, and every loop that it watches with it.
 
-use super::tags::{Tag, Tags, local, number};
-use super::{MAX_CELLS, content, limits, ole, xlsb};
+use super::limits::{self, GROWING, TEXT, Weight};
+use super::tags::{Tag, Tags, attributes, local, number};
+use super::{content, ole, xlsb};
 use crate::collect::table::error::TableError;
 use crate::collect::table::kinds;
+use calamine::Style;
 use std::io::{self, BufRead, BufReader, Cursor};
 
 /// Texts that any workbook may say it has: some programs tell more than there are.
 const FEW_TEXTS: u64 = 1 << 18;
-/// Bytes that the library takes for a format of cells, beside two names.
-const FORMAT: u64 = 512;
+/// Bytes that the library takes for a format of cells, in a list that grows, beside two names.
+const FORMAT: u64 = GROWING * size_of::<Style>() as u64;
+/// Bytes that a ZIP library and the one for workbooks take for a part of an archive, and for each byte of its name.
+const PART: u64 = 2048;
+const OF_A_NAME: u64 = 8;
+/// How many times the bytes of the longest element the library takes while it reads it: as it was read and as text, each of which
+/// grows.
+const BUFFERS: u64 = 2 * GROWING;
 
-/// Refuses a workbook that would take far more memory than it has bytes.
-pub fn look(bytes: &[u8]) -> Result<(), TableError> {
+/// What a workbook would take at most to be read, but for the sheets as they are kept.
+///
+/// # Errors
+/// A workbook that would take more than one of its bytes may.
+pub fn look(bytes: &[u8]) -> Result<Weight, TableError> {
+    let mut weight = Weight::of(bytes.len() as u64);
     if bytes.starts_with(kinds::OLE) {
-        // The library opens an archive behind it where it finds no workbook in it.
-        ole::look(bytes)?;
+        // An archive may stand behind it, which is opened where there is no workbook in it.
+        ole::look(bytes, &mut weight)?;
     }
     // What cannot be opened here cannot be opened there.
-    let Ok(mut archive) = zip::ZipArchive::new(Cursor::new(bytes)) else { return Ok(()) };
+    let Ok(mut archive) = zip::ZipArchive::new(Cursor::new(bytes)) else { return Ok(weight) };
     let is_binary = archive.file_names().flatten().any(|name| small(&name) == xlsb::BOOK);
-    let (most, mut unpacked) = (limits::bytes(bytes.len() as u64), 0u64);
+    for name in archive.file_names_raw() {
+        weight.library(PART + OF_A_NAME * name.len() as u64);
+    }
+    let (most, mut unpacked) = (limits::bytes(weight.own()), 0u64);
     for at in 0..archive.len() {
         let Ok(part) = archive.by_index(at) else { continue };
         let Ok(name) = part.name().map(|name| name.into_owned()) else { continue };
@@ -33,85 +48,158 @@ pub fn look(bytes: &[u8]) -> Result<(), TableError> {
                 bytes.len()
             )));
         }
-        let wrong = wrong(&name, BufReader::new(part), is_binary).map_err(|error| {
-            TableError::refused(format!(
-                "a workbook whose {name:?} cannot be read: {error}; save it again, or the columns that are needed as CSV"
-            ))
-        })?;
+        let wrong = wrong(&name, BufReader::new(part), is_binary, &mut weight)
+            .map_err(|error| refused(&format!("whose {name:?} cannot be read: {error}")))?;
         if let Some(wrong) = wrong {
-            return Err(TableError::refused(format!(
-                "a workbook whose {name:?} {wrong}; save it again, or the columns that are needed as CSV"
-            )));
+            return Err(refused(&format!("whose {name:?} {wrong}")));
+        }
+        if let Some(over) = weight.over() {
+            return Err(refused(&format!("that {over}, up to its {name:?}")));
         }
     }
-    Ok(())
+    Ok(weight)
+}
+
+fn refused(wrong: &str) -> TableError {
+    TableError::refused(format!("a workbook {wrong}; save it again, or the columns that are needed as CSV"))
 }
 
 /// The name of a part as the library looks for it: it takes capital letters for small ones, and either slash for the other.
-fn small(name: &str) -> String {
+pub fn small(name: &str) -> String {
     name.to_ascii_lowercase().replace('\\', "/")
 }
 
-/// What a part says of itself that cannot be, or takes too much; `is_binary` for those of an `.xlsb`.
-fn wrong(name: &str, part: impl BufRead, is_binary: bool) -> io::Result<Option<String>> {
+/// What a part says of itself that cannot be; `is_binary` for those of an `.xlsb`. What it takes is added to the weight.
+fn wrong(name: &str, part: impl BufRead, is_binary: bool, weight: &mut Weight) -> io::Result<Option<String>> {
     let small = small(name);
     if small.ends_with(".bin") {
-        return xlsb::look(&small, part, is_binary).map(|()| None);
+        return xlsb::look(&small, part, is_binary, weight).map(|()| None);
+    }
+    // The library opens no other as XML: the lists of parts are looked at below.
+    if !small.ends_with(".xml") && !small.ends_with(".rels") {
+        return Ok(None);
     }
     let mut tags = Tags::new(part);
-    if small == xlsb::RELATIONS {
-        return xlsb::relations(&mut tags).map(|()| None);
+    let wrong = if name == "content.xml" {
+        let is_cut = content::look(&mut tags, weight)?;
+        is_cut.then(|| "ends within a table: it is cut".to_string())
+    } else {
+        of_excel(&small, &mut tags, is_binary, weight)?
+    };
+    // The library takes all of a manifest into one buffer.
+    let longest = if small.ends_with("manifest.xml") { tags.at } else { tags.longest };
+    weight.library(tags.listed);
+    weight.buffer(BUFFERS.saturating_mul(longest));
+    Ok(wrong)
+}
+
+/// A part in XML of a workbook of Excel: its texts, its formats, its lists of parts, in any folder and under any name.
+fn of_excel(
+    small: &str,
+    tags: &mut Tags<impl BufRead>,
+    is_binary: bool,
+    weight: &mut Weight,
+) -> io::Result<Option<String>> {
+    let (mut told, mut texts, mut formats, mut longest, mut is_kept) = (None, 0u64, 0u64, 0u64, false);
+    while let Some(tag) = tags.tag()? {
+        let Tag::Begin(name, written) = tag else { continue };
+        let name = local(name);
+        // The library looks at the first count.
+        match name {
+            b"sst" => told = told.or(Some(number(written, "uniqueCount"))),
+            b"si" => texts += 1,
+            b"xf" => formats += 1,
+            b"numFmt" | b"name" => longest = longest.max(written.len() as u64),
+            b"Relationship" if small == xlsb::RELATIONS => xlsb::relation(written)?,
+            b"Relationship" if !is_binary => relation(written)?,
+            _ => {}
+        }
+        is_kept |= [&b"si"[..], b"font", b"numFmt", b"definedName"].contains(&name);
     }
-    // The library finds these in any folder.
-    if small.ends_with("sharedstrings.xml") {
-        let told = texts(&mut tags)?;
-        let is_wrong = told > FEW_TEXTS.max(tags.at);
-        return Ok(is_wrong.then(|| format!("says that it holds {told} texts, in {} bytes", tags.at)));
+    let told = told.unwrap_or(0);
+    if told > FEW_TEXTS.max(tags.at) {
+        return Ok(Some(format!("says that it holds {told} texts, in {} bytes", tags.at)));
     }
-    if small.ends_with("styles.xml") {
-        let taken = formats(&mut tags)?;
-        let is_wrong = taken > limits::bytes(tags.at);
-        return Ok(is_wrong.then(|| format!("has formats that take {taken} bytes, from {}", tags.at)));
+    // The library makes room for as many as it is told of; where there are more, its list grows.
+    let room = if texts <= told { told } else { texts.saturating_mul(GROWING) };
+    weight.library(room.saturating_mul(TEXT).saturating_add(texts.saturating_mul(limits::heap(1))));
+    if is_kept {
+        // Texts that are put together of several grow.
+        weight.library(tags.at.saturating_mul(2));
     }
-    if name == "content.xml" {
-        let made = content::made(&mut tags)?;
-        return Ok(if made.is_cut {
-            Some("ends within a table: it is cut".into())
-        } else if made.cells > MAX_CELLS as u64 {
-            Some(format!("repeats cells to {} of them: {MAX_CELLS} are taken", made.cells))
-        } else if made.bytes() > limits::bytes(tags.at) {
-            Some(format!("repeats cells to {} bytes, from {}", made.bytes(), tags.at))
-        } else {
-            None
-        });
-    }
+    weight.library(formats.saturating_mul(longest.saturating_mul(2).saturating_add(FORMAT)));
     Ok(None)
 }
 
-/// How many texts a list of them says it has: the library makes room for so many at once.
-fn texts(tags: &mut Tags<impl BufRead>) -> io::Result<u64> {
-    let mut told = None;
-    while let Some(tag) = tags.tag()? {
-        if let Tag::Begin(name, written) = tag
-            && local(name) == b"sst"
-        {
-            // The library looks at the first.
-            told = told.or(Some(number(written, "uniqueCount")));
-        }
+/// Refuses a list of parts that has a sheet, or the list of sheets, in a part that is not looked at, or under a long name.
+fn relation(written: &[u8]) -> io::Result<()> {
+    const KINDS: [&[u8]; 4] = [b"officeDocument", b"worksheet", b"chartsheet", b"dialogsheet"];
+    let of = |name: &'static [u8]| attributes(written).filter(move |(own, _)| *own == name);
+    let is_looked_for = of(b"Type")
+        .filter_map(|(_, kind)| kind.rsplit(|byte| *byte == b'/').next())
+        .any(|kind| KINDS.contains(&kind));
+    let is_looked_at = |place: &[u8]| xlsb::is_plain(place) && place.to_ascii_lowercase().ends_with(b".xml");
+    match of(b"Target").map(|(_, place)| place).find(|place| !is_looked_at(place)) {
+        Some(place) if is_looked_for => Err(xlsb::misplaced(place)),
+        _ => Ok(()),
     }
-    Ok(told.unwrap_or(0))
 }
 
-/// Bytes that the formats of cells take, each with the name of its font and how it writes numbers.
-fn formats(tags: &mut Tags<impl BufRead>) -> io::Result<u64> {
-    let (mut count, mut longest) = (0u64, 0u64);
-    while let Some(tag) = tags.tag()? {
-        let Tag::Begin(name, written) = tag else { continue };
-        match local(name) {
-            b"xf" => count += 1,
-            b"numFmt" | b"name" => longest = longest.max(written.len() as u64),
-            _ => {}
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What is wrong with a part of a workbook of Excel, and what the workbook would take.
+    fn looked(text: &str) -> (Result<Option<String>, String>, Weight) {
+        let mut weight = Weight::of(0);
+        let wrong = wrong("xl/part.xml", text.as_bytes(), false, &mut weight);
+        (wrong.map_err(|error| error.to_string()), weight)
+    }
+
+    #[test]
+    fn shared_texts_are_counted_with_their_headers() {
+        let over = |told: &str, texts: usize| {
+            let list = format!("<sst{told}>{}</sst>", "<si><t>a</t></si>".repeat(texts));
+            let (wrong, weight) = looked(&list);
+            assert_eq!(wrong, Ok(None));
+            weight.over().is_some()
+        };
+        // A header, the least that an allocator takes and twice the bytes in the file: 24 + 16 + 34 for each that was told of.
+        assert!(!over(" uniqueCount='210000'", 210_000));
+        assert!(over(" uniqueCount='220000'", 220_000));
+        // The list grows where nothing is told: 72 for each header.
+        assert!(!over("", 125_000));
+        assert!(over("", 135_000));
+        let (wrong, _) = looked("<sst uniqueCount='300000'><si/></sst>");
+        assert_eq!(wrong, Ok(Some("says that it holds 300000 texts, in 37 bytes".to_string())));
+    }
+
+    #[test]
+    fn formats_and_lists_are_counted_for_each_entry() {
+        let over = |text: &str| looked(text).1.over().is_some();
+        assert!(!over(&"<xf/>".repeat(1000)));
+        assert!(over(&"<xf/>".repeat(100_000)));
+        let long = format!("<numFmt formatCode=\"{}\"/>", "0".repeat(10_000));
+        assert!(over(&(long + &"<xf/>".repeat(1000))));
+        assert!(!over(&"<sheet/>".repeat(1000)));
+        assert!(over(&"<sheet/>".repeat(20_000)));
+    }
+
+    #[test]
+    fn sheets_are_parts_that_are_looked_at() {
+        let said = |kind: &str, place: &str| {
+            let list = format!("<Relationship Type=\"http://a/relationships/{kind}\" Target=\"{place}\"/>");
+            looked(&list).0.err().unwrap_or_default()
+        };
+        let long = format!("{}.xml", "x".repeat(300));
+        for place in ["worksheets/sheet1.xml", "/xl/worksheets/Sheet1.XML"] {
+            assert_eq!(said("worksheet", place), "");
+        }
+        for place in ["media/image1.png", "a&#46;xml", long.as_str()] {
+            for kind in ["worksheet", "officeDocument"] {
+                assert!(said(kind, place).contains("it lists a part at \""), "{kind} {place}");
+            }
+            assert_eq!(said("image", place), "", "it is not opened");
         }
     }
-    Ok(count.saturating_mul(FORMAT.saturating_add(longest.saturating_mul(2))))
 }

@@ -3,6 +3,7 @@
 
 use super::biff;
 use super::fields::{u16_at, u32_at};
+use super::limits::{GROWING, Weight};
 use crate::collect::table::error::TableError;
 use encoding_rs::UTF_16LE;
 
@@ -16,15 +17,21 @@ const SMALL_STREAM: usize = 4096;
 /// Bytes of an entry of the directory.
 const ENTRY: usize = 128;
 
-/// Refuses a file that would take far more memory than it has bytes.
-pub fn look(bytes: &[u8]) -> Result<(), TableError> {
-    let book = book(bytes).ok_or_else(|| {
+/// Adds what a file would take.
+///
+/// # Errors
+/// One that would take far more memory than it has bytes.
+pub fn look(bytes: &[u8], weight: &mut Weight) -> Result<(), TableError> {
+    let (book, beside) = book(bytes).ok_or_else(|| {
         TableError::refused(
             "a workbook that cannot be read: it is damaged, and its sectors follow each other nowhere or without end; save it again, \
              or the columns that are needed as CSV",
         )
     })?;
-    biff::look(&book, bytes.len() as u64)
+    // The library holds all sectors, in a list with twice the room, and copies what is in the chains.
+    weight.library(bytes.len() as u64 * 2);
+    weight.library((book.len() as u64 + beside) * GROWING);
+    biff::look(&book, weight)
 }
 
 fn numbers(bytes: &[u8]) -> impl Iterator<Item = u32> {
@@ -51,8 +58,8 @@ impl Sectors<'_> {
     /// A chain from its first sector on, up to so many bytes; `None` where it does not end.
     fn chain(&self, first: u32, table: &[u32], most: usize) -> Option<Vec<u8>> {
         let (mut out, mut id) = (Vec::new(), first);
-        // Each sector once.
-        for _ in 0..=table.len() {
+        // Each sector once, and the last may be cut.
+        for _ in 0..=self.bytes.len() / self.size + 1 {
             if id == END {
                 return Some(out);
             }
@@ -67,13 +74,14 @@ impl Sectors<'_> {
     }
 }
 
-/// The stream of the workbook, empty where there is none; `None` for a file whose sectors cannot be followed.
-fn book(bytes: &[u8]) -> Option<Vec<u8>> {
+/// The stream of the workbook, empty where there is none, and how many bytes were read beside it; `None` for a file whose sectors
+/// cannot be followed.
+fn book(bytes: &[u8]) -> Option<(Vec<u8>, u64)> {
     let size = match u16_at(bytes, 30)? {
         9 => 512,
         12 => 4096,
         // The library refuses all others.
-        _ => return Some(Vec::new()),
+        _ => return Some((Vec::new(), 0)),
     };
     let sectors = Sectors { bytes: bytes.get(size..)?, size, may_be_cut: true };
     let table = table(bytes, &sectors)?;
@@ -88,12 +96,16 @@ fn book(bytes: &[u8]) -> Option<Vec<u8>> {
         small_table = numbers(&chain).collect();
     }
     let named = |name: &str| entries().find(|entry| name_of(entry).eq_ignore_ascii_case(name));
-    let Some(entry) = named("Workbook").or_else(|| named("Book")) else { return Some(Vec::new()) };
+    let beside =
+        (directory.len() + small.len() + size_of::<u32>() * (table.len() + small_table.len())) as u64;
+    let Some(entry) = named("Workbook").or_else(|| named("Book")) else { return Some((Vec::new(), beside)) };
     let (first, len) = (u32_at(entry, 116)?, len(entry, size)?);
-    if len < SMALL_STREAM {
-        return Sectors { bytes: &small, size: SMALL, may_be_cut: false }.chain(first, &small_table, len);
-    }
-    sectors.chain(first, &table, len)
+    let book = if len < SMALL_STREAM {
+        Sectors { bytes: &small, size: SMALL, may_be_cut: false }.chain(first, &small_table, len)?
+    } else {
+        sectors.chain(first, &table, len)?
+    };
+    Some((book, beside))
 }
 
 /// Which sector follows each.

@@ -1,7 +1,32 @@
 //! The tags of an XML document one after the other, in no more memory than the longest of them. They are divided as the library
 //! that opens workbooks divides them, so that neither sees a tag that the other does not.
 
-use std::io::{self, BufRead};
+use super::limits;
+use std::io::{self, BufRead, Read};
+
+/// Most bytes of a tag: a text of Excel's has fewer. Those of a name, and levels of tags within tags: spreadsheets have a dozen.
+const LONGEST_TAG: usize = 1 << 20;
+const LONGEST_NAME: usize = 1 << 8;
+const DEEPEST: usize = 1 << 8;
+/// Elements of which the library keeps a list, without their prefixes; bytes that it takes for one, the place of its part among
+/// them, and for each of its own.
+const LISTED: [&[u8]; 11] = [
+    b"Relationship",
+    b"border",
+    b"definedName",
+    b"fill",
+    b"font",
+    b"named-expression",
+    b"named-range",
+    b"numFmt",
+    b"sheet",
+    b"style",
+    b"table",
+];
+const ENTRY: u64 = 1024;
+const COPIES: u64 = 4;
+/// Elements whose content the library takes into one buffer, without their prefixes.
+const GATHERED: [&[u8]; 6] = [b"annotation", b"definedName", b"is", b"si", b"t", b"v"];
 
 /// A tag.
 #[derive(Debug, PartialEq, Eq)]
@@ -17,28 +42,51 @@ pub struct Tags<R> {
     from: R,
     /// Bytes that were read.
     pub at: u64,
+    /// Bytes that the library takes for the elements of which it keeps lists.
+    pub listed: u64,
+    /// Most bytes that the library takes into one buffer: those of a tag, of a text, or of an element.
+    pub longest: u64,
     /// The tag that was read last, without its brackets.
     held: Vec<u8>,
     /// Whether its element is empty, so that its end comes next.
     is_empty: bool,
+    /// Elements that have begun and not ended.
+    depth: usize,
+    /// The element that is taken into one buffer, and where its content begins.
+    gathered: Option<(&'static [u8], u64)>,
 }
 
 impl<R: BufRead> Tags<R> {
     pub fn new(from: R) -> Self {
-        Self { from, at: 0, held: Vec::new(), is_empty: false }
+        Self {
+            from,
+            at: 0,
+            listed: 0,
+            longest: 0,
+            held: Vec::new(),
+            is_empty: false,
+            depth: 0,
+            gathered: None,
+        }
     }
 
     /// The next one; an element without content, `<a/>`, begins and ends. `None` at the end of the document.
     ///
     /// # Errors
-    /// What the reader said, and a DOCTYPE.
+    /// What the reader said, a DOCTYPE, and tags that are longer or deeper than those of any spreadsheet.
     pub fn tag(&mut self) -> io::Result<Option<Tag<'_>>> {
         if std::mem::take(&mut self.is_empty) {
-            return Ok(Some(Tag::End(&self.held[..name_len(&self.held)])));
+            let len = name_len(&self.held);
+            self.ends(0, len);
+            return Ok(Some(Tag::End(&self.held[..len])));
         }
         let ends = loop {
-            self.at += self.from.skip_until(b'<')? as u64;
-            if !self.markup()? {
+            let text = self.from.skip_until(b'<')? as u64;
+            self.at += text;
+            let is_whole = self.markup()?;
+            let gathered = self.gathered.map_or(0, |(_, from)| self.at - from);
+            self.longest = self.longest.max(text).max(self.held.len() as u64).max(gathered);
+            if !is_whole {
                 return Ok(None);
             }
             match self.held.first() {
@@ -48,14 +96,45 @@ impl<R: BufRead> Tags<R> {
         };
         self.held.pop();
         if ends {
-            return Ok(Some(Tag::End(self.held[1..].trim_ascii_end())));
+            let len = self.held.trim_ascii_end().len();
+            self.ends(1, len);
+            return Ok(Some(Tag::End(&self.held[1..len])));
         }
         self.is_empty = self.held.last() == Some(&b'/');
         if self.is_empty {
             self.held.pop();
         }
-        let (name, written) = self.held.split_at(name_len(&self.held));
+        let len = name_len(&self.held);
+        self.begins(len)?;
+        let (name, written) = self.held.split_at(len);
         Ok(Some(Tag::Begin(name, written)))
+    }
+
+    /// Counts an element that begins, with so many bytes of its name.
+    fn begins(&mut self, len: usize) -> io::Result<()> {
+        self.depth += 1;
+        if self.depth > DEEPEST || len > LONGEST_NAME {
+            return Err(io::Error::other(
+                "it has tags that are nested deeper, or named longer, than any spreadsheet writes them",
+            ));
+        }
+        let name = local(&self.held[..len]);
+        if LISTED.contains(&name) {
+            let own = limits::heap(self.held.len() as u64).saturating_mul(COPIES);
+            self.listed = self.listed.saturating_add(ENTRY + own);
+        }
+        if self.gathered.is_none() {
+            let own = GATHERED.into_iter().find(|own| *own == name);
+            self.gathered = own.map(|own| (own, self.at));
+        }
+        Ok(())
+    }
+
+    /// Counts an element that ends, whose name stands there in the tag.
+    fn ends(&mut self, from: usize, to: usize) {
+        self.depth = self.depth.saturating_sub(1);
+        let name = local(&self.held[from..to]);
+        self.gathered = self.gathered.filter(|(own, _)| *own != name);
     }
 
     /// Takes what began with `<`, to its closing bracket; `false` where the document ends before.
@@ -64,9 +143,13 @@ impl<R: BufRead> Tags<R> {
         let mut quote: Option<u8> = None;
         loop {
             let from = self.held.len();
-            self.at += self.from.read_until(b'>', &mut self.held)? as u64;
+            let room = LONGEST_TAG.saturating_sub(from) as u64;
+            self.at += self.from.by_ref().take(room).read_until(b'>', &mut self.held)? as u64;
             if !self.held[from..].ends_with(b">") {
-                return Ok(false);
+                if self.held.len() < LONGEST_TAG {
+                    return Ok(false);
+                }
+                return Err(io::Error::other(format!("it has a tag of more than {LONGEST_TAG} bytes")));
             }
             let is_whole = match self.held.as_slice() {
                 [b'!', b'-', ..] => self.held.len() > 5 && self.held.ends_with(b"-->"),
@@ -157,6 +240,49 @@ mod tests {
             assert!(all(cut).is_empty(), "{cut}");
         }
         assert!(Tags::new("<!DOCTYPE a><a/>".as_bytes()).tag().is_err());
+    }
+
+    /// The tags of a text that was read to its end, or what is wrong with it.
+    fn counted(text: &str) -> Result<Tags<&[u8]>, String> {
+        let mut tags = Tags::new(text.as_bytes());
+        while tags.tag().map_err(|error| error.to_string())?.is_some() {}
+        Ok(tags)
+    }
+
+    #[test]
+    fn what_the_library_keeps_lists_of_is_counted() {
+        let listed = |text: &str| counted(text).expect("text").listed;
+        assert_eq!(listed("<a><sheets/></a>"), 0);
+        let one = listed("<sheet name=\"a\"/>");
+        assert_eq!(one, ENTRY + COPIES * 16);
+        assert_eq!(listed("<a><x:sheet name=\"a\"></x:sheet><font/></a>"), 2 * one);
+        assert!(listed(&format!("<sheet name=\"{}\"/>", "x".repeat(1000))) > 1000 * COPIES);
+    }
+
+    #[test]
+    fn what_the_library_takes_into_one_buffer_is_counted() {
+        let longest = |text: &str| counted(text).expect("text").longest;
+        assert_eq!(longest("<a/>"), 3);
+        assert_eq!(longest(&format!("<a>{}</a>", "x".repeat(100))), 101, "a text and a bracket");
+        assert_eq!(longest(&format!("<a b=\"{}\"/>", "x".repeat(100))), 108, "a tag");
+        let many = "<b>12345</b>".repeat(100);
+        assert!(longest(&format!("<a>{many}</a>")) < 10);
+        for name in ["si", "x:is", "t", "office:annotation"] {
+            assert!(longest(&format!("<a><{name}>{many}</{name}><si/></a>")) > 1200, "{name}");
+        }
+        let apart = format!("<t>{}</t>", "<b>12345</b>".repeat(2)).repeat(50);
+        assert!(longest(&format!("<a>{apart}</a>")) < 50, "each is one buffer");
+    }
+
+    #[test]
+    fn tags_that_no_spreadsheet_has_are_refused() {
+        let said = |text: &str| counted(text).err().unwrap_or_default();
+        assert_eq!(said(&("<a>".repeat(DEEPEST) + &"</a>".repeat(DEEPEST)).repeat(2)), "");
+        assert!(said(&"<a>".repeat(DEEPEST + 1)).contains("nested deeper"));
+        assert_eq!(said(&format!("<{}/>", "a".repeat(LONGEST_NAME))), "");
+        assert!(said(&format!("<{}/>", "a".repeat(LONGEST_NAME + 1))).contains("named longer"));
+        assert!(said(&format!("<a b='{}'/>", "x".repeat(LONGEST_TAG))).contains("a tag of more than"));
+        assert!(said(&format!("<!--{}-->", "x".repeat(LONGEST_TAG))).contains("a tag of more than"));
     }
 
     #[test]

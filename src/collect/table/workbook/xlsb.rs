@@ -3,8 +3,8 @@
 //! with the names and sheets in them as often as they stand there.
 
 use super::fields::u32_at;
-use super::limits;
-use super::tags::{Tag, Tags, attributes};
+use super::limits::{self, GROWING, TEXT, Weight};
+use super::tags::attributes;
 use super::tokens::{Written, depth, written};
 use std::io::{self, BufRead};
 
@@ -34,47 +34,62 @@ const CELL_FORMAT: u16 = 0x002f;
 const HELD: usize = 1 << 16;
 /// Most bytes of the record of a sheet: two numbers, and two names of 255 characters with their lengths.
 const LONGEST_SHEET: usize = 1036;
-/// Bytes of a link to a sheet, of what stands before the first, and of a text beside its characters.
+/// Bytes of a link to a sheet, and of what stands before the first.
 const LINK: usize = 12;
 const LINKS_HEAD: usize = 4;
-const TEXT: u64 = 24;
+/// Bytes that the library takes for a sheet or a name of cells, in lists that grow, with the place of the sheet, and for each byte
+/// of the record.
+const ENTRY: u64 = 1024;
+const OF_A_BYTE: u64 = 4;
+/// How many times the bytes of the longest record the library takes while it reads it: as it was read, and as text.
+const BUFFERS: u64 = 2 * GROWING;
 /// How deep a formula may be nested in formulas: each level takes some kilobytes of a stack of 2 MB.
 const MOST_DEPTH: usize = 64;
 
-/// Looks at a part, by its name in small letters. Where there is no `BOOK`, the library looks for formats and texts only.
+/// Looks at a part, by its name in small letters, and adds what it takes. Where there is no `BOOK`, the library looks for formats and
+/// texts only.
 ///
 /// # Errors
 /// What the reader said, and what is wrong with the part.
-pub fn look(name: &str, part: impl BufRead, is_binary: bool) -> io::Result<()> {
-    let mut records = Records { from: part, at: 0, held: Vec::new() };
+pub fn look(name: &str, part: impl BufRead, is_binary: bool, weight: &mut Weight) -> io::Result<()> {
+    let mut records = Records { from: part, at: 0, longest: 0, held: Vec::new() };
     match name.strip_prefix("xl/") {
-        _ if name == BOOK => book(&mut records),
-        Some("styles.bin") => formats(&mut records),
-        Some("sharedstrings.bin") => texts(&mut records, &[(SHARED_TEXT, 1)]),
+        _ if name == BOOK => book(&mut records, weight)?,
+        Some("styles.bin") => formats(&mut records)?,
+        Some("sharedstrings.bin") => weight.library(texts(&mut records, &[(SHARED_TEXT, 1)])?),
+        // A text of a cell is let go as soon as it is read.
         Some(place) if is_binary && is_sheet(place.as_bytes()) => {
-            texts(&mut records, &[(TEXT_OF_CELL, 8), (TEXT_OF_FORMULA, 8)])
+            texts(&mut records, &[(TEXT_OF_CELL, 8), (TEXT_OF_FORMULA, 8)])?;
         }
-        _ => Ok(()),
+        _ => {}
     }
+    weight.buffer(BUFFERS.saturating_mul(records.longest));
+    Ok(())
 }
 
-/// Looks at the list of parts: what it calls a sheet has to be one that is looked at.
+/// Looks at the attributes of a part in the list of them: what the list calls a sheet has to be one that is looked at.
 ///
 /// # Errors
-/// What the reader said, and a place where no sheet lies.
-pub fn relations(tags: &mut Tags<impl BufRead>) -> io::Result<()> {
-    while let Some(tag) = tags.tag()? {
-        let Tag::Begin(b"Relationship", own) = tag else { continue };
-        for (_, place) in attributes(own).filter(|(name, _)| *name == b"Target") {
-            let small = place.to_ascii_lowercase();
-            let is_plain = place.len() <= LONGEST_PLACE && !place.contains(&b'&');
-            if !is_plain || (is_in_folder(&small) && !is_sheet(&small)) {
-                let place = String::from_utf8_lossy(&place[..place.len().min(LONGEST_PLACE)]).into_owned();
-                return Err(wrong(format!("it lists a part at {place:?}, where Excel puts none")));
-            }
+/// A place where no sheet lies.
+pub fn relation(written: &[u8]) -> io::Result<()> {
+    for (_, place) in attributes(written).filter(|(name, _)| *name == b"Target") {
+        let small = place.to_ascii_lowercase();
+        if !is_plain(place) || (is_in_folder(&small) && !is_sheet(&small)) {
+            return Err(misplaced(place));
         }
     }
     Ok(())
+}
+
+/// Whether the place of a part is short, and what it says.
+pub fn is_plain(place: &[u8]) -> bool {
+    place.len() <= LONGEST_PLACE && !place.contains(&b'&')
+}
+
+/// What is wrong with a list that has a part there.
+pub fn misplaced(place: &[u8]) -> io::Error {
+    let place = String::from_utf8_lossy(&place[..place.len().min(LONGEST_PLACE)]).into_owned();
+    wrong(format!("it lists a part at {place:?}, where Excel puts none"))
 }
 
 fn is_in_folder(place: &[u8]) -> bool {
@@ -94,6 +109,8 @@ struct Records<R> {
     from: R,
     /// Bytes that were read.
     at: u64,
+    /// Bytes of the longest record.
+    longest: u64,
     /// The first bytes of the record that was read last.
     held: Vec<u8>,
 }
@@ -140,6 +157,7 @@ impl<R: BufRead> Records<R> {
             left -= taken;
         }
         self.at += len as u64;
+        self.longest = self.longest.max(len as u64);
         Ok(Some(len))
     }
 
@@ -161,14 +179,17 @@ impl<R: BufRead> Records<R> {
     }
 }
 
-/// A part with records of texts, by their kinds and where in them a text begins.
-fn texts(records: &mut Records<impl BufRead>, kinds: &[(u16, usize)]) -> io::Result<()> {
+/// A part with records of texts, by their kinds and where in them a text begins; the bytes that a list of them takes.
+fn texts(records: &mut Records<impl BufRead>, kinds: &[(u16, usize)]) -> io::Result<u64> {
+    let mut taken = 0u64;
     while let Some((kind, len)) = records.record()? {
         if let Some((_, at)) = kinds.iter().find(|(own, _)| *own == kind) {
             records.has_text(*at, len)?;
+            // One byte of room more than the text may take.
+            taken = taken.saturating_add(GROWING * TEXT + limits::heap(of_wide(len) + 1));
         }
     }
-    Ok(())
+    Ok(taken)
 }
 
 /// The part of formats. The library looks for its two lists byte by byte, as it takes no more than the kind of any other record; so
@@ -209,7 +230,7 @@ fn goes_on_to(records: &mut Records<impl BufRead>, wanted: u16) -> io::Result<bo
 }
 
 /// The part that lists sheets and names of cells.
-fn book(records: &mut Records<impl BufRead>) -> io::Result<()> {
+fn book(records: &mut Records<impl BufRead>, weight: &mut Weight) -> io::Result<()> {
     let (mut longest, mut made) = (0u64, Written::default());
     while let Some((kind, len)) = records.record()? {
         match kind {
@@ -222,18 +243,20 @@ fn book(records: &mut Records<impl BufRead>) -> io::Result<()> {
                     )));
                 }
                 longest = longest.max(of_wide(len));
+                weight.library(ENTRY + OF_A_BYTE * len as u64);
             }
             LINKS => {
                 let count = u32_at(&records.held, 0).map_or(0, u64::from);
                 if LINKS_HEAD as u64 + count * LINK as u64 > len as u64 {
                     return Err(wrong(format!("a record says that it has {count} links, in {len} bytes")));
                 }
-                made = made.and(Written { text: count.saturating_mul(longest + TEXT), moved: 0 });
+                weight.library(count.saturating_mul(limits::heap(longest) + TEXT));
             }
             NAME if len > HELD => {
                 return Err(wrong(format!("a name of cells takes {len} bytes")));
             }
             NAME => {
+                weight.library(ENTRY + OF_A_BYTE * len as u64);
                 // What is cut is refused by the library.
                 let Some((name, tokens)) = name(&records.held) else { continue };
                 if depth(tokens) > MOST_DEPTH {
@@ -245,13 +268,11 @@ fn book(records: &mut Records<impl BufRead>) -> io::Result<()> {
             _ => {}
         }
     }
-    let at = records.at;
-    if made.text > limits::bytes(at) {
-        return Err(wrong(format!("its names of cells would become {} bytes of text, from {at}", made.text)));
-    }
-    if made.moved > limits::moved(at) {
+    if made.moved > limits::moved(records.at) {
         return Err(wrong("its names of cells would take minutes to be written as text".to_string()));
     }
+    // Each grows while it is written.
+    weight.library(made.text.saturating_mul(GROWING));
     Ok(())
 }
 
@@ -270,34 +291,24 @@ fn name(held: &[u8]) -> Option<(usize, &[u8])> {
 }
 
 #[cfg(test)]
+#[path = "../../../../tests/exports/xlsb_records.rs"]
+mod records;
+
+#[cfg(test)]
 mod tests {
+    use super::records::{record, told, wide};
     use super::*;
-
-    /// A record that says it is so long.
-    fn told(kind: u16, len: usize, data: &[u8]) -> Vec<u8> {
-        let mut out = if kind < 0x80 { vec![kind as u8] } else { vec![kind as u8 | 0x80, (kind >> 7) as u8] };
-        let mut left = len;
-        while left >= 0x80 {
-            out.push(left as u8 | 0x80);
-            left >>= 7;
-        }
-        out.push(left as u8);
-        out.extend(data);
-        out
-    }
-
-    fn record(kind: u16, data: &[u8]) -> Vec<u8> {
-        told(kind, data.len(), data)
-    }
-
-    fn wide(text: &str) -> Vec<u8> {
-        let words = text.encode_utf16().flat_map(u16::to_le_bytes);
-        (text.encode_utf16().count() as u32).to_le_bytes().into_iter().chain(words).collect()
-    }
 
     /// What is wrong with a part; nothing where it is sound.
     fn said(name: &str, part: &[Vec<u8>]) -> String {
-        look(name, part.concat().as_slice(), true).err().map(|error| error.to_string()).unwrap_or_default()
+        weighed(name, part).0
+    }
+
+    /// The same, and what the workbook would take.
+    fn weighed(name: &str, part: &[Vec<u8>]) -> (String, Weight) {
+        let mut weight = Weight::of(0);
+        let looked = look(name, part.concat().as_slice(), true, &mut weight);
+        (looked.err().map(|error| error.to_string()).unwrap_or_default(), weight)
     }
 
     const PARTS: [&str; 3] = ["xl/worksheets/sheet1.bin", "xl/workbook.bin", "xl/sharedstrings.bin"];
@@ -313,8 +324,9 @@ mod tests {
         }
         let lies = told(1, 1 << 20, &[]);
         assert_eq!(said("xl/printersettings/settings1.bin", std::slice::from_ref(&lies)), "", "no records");
-        assert!(look(PARTS[0], lies.as_slice(), false).is_ok(), "no sheet of an .xlsb");
-        assert!(look(PARTS[2], lies.as_slice(), false).is_err(), "texts are read all the same");
+        let look = |part: &str| look(part, lies.as_slice(), false, &mut Weight::of(0));
+        assert!(look(PARTS[0]).is_ok(), "no sheet of an .xlsb");
+        assert!(look(PARTS[2]).is_err(), "texts are read all the same");
     }
 
     #[test]
@@ -332,6 +344,21 @@ mod tests {
             let blank = record(kind, &[0]);
             assert!(said(part, &[sound, blank]).contains("has 1 bytes, which hold none"));
         }
+    }
+
+    #[test]
+    fn shared_texts_are_counted_with_their_headers() {
+        // For each a header in a list that grows, and the least that an allocator takes: 72 and 16 bytes.
+        let over = |texts: usize| {
+            let text = record(SHARED_TEXT, &[&[0][..], &wide("a")[..]].concat());
+            let (said, weight) = weighed(PARTS[2], &vec![text; texts]);
+            assert_eq!(said, "");
+            weight.over().is_some()
+        };
+        assert!(!over(170_000));
+        assert!(over(190_000));
+        let text = record(TEXT_OF_CELL, &[&[0; 8][..], &wide("a")[..]].concat());
+        assert_eq!(weighed(PARTS[0], &vec![text; 190_000]).1.over(), None, "they are read one by one");
     }
 
     #[test]
@@ -384,7 +411,8 @@ mod tests {
 
     #[test]
     fn formulas_that_are_deep_or_long_to_write_are_refused() {
-        let said = |records: &[Vec<u8>]| said("xl/workbook.bin", records);
+        let of = |records: &[Vec<u8>]| weighed(PARTS[1], records);
+        let said = |records: &[Vec<u8>]| of(records).0;
         let deep = |levels: usize| {
             let nest = |inside: Vec<u8>| {
                 [&[0x29][..], &(inside.len() as u16).to_le_bytes()[..], &inside[..]].concat()
@@ -396,7 +424,10 @@ mod tests {
         let long = sheet("rId1", &"x".repeat(500));
         let links = record(LINKS, &[1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
         let areas = [0x3b; 60_000];
-        assert!(said(&[long, links, name_of(&areas)]).contains("its names of cells would become 9"));
+        assert_eq!(of(&[long.clone(), links.clone(), name_of(&areas[..1000])]).1.over(), None);
+        let (said_of_long, weight) = of(&[long, links, name_of(&areas)]);
+        assert_eq!(said_of_long, "");
+        assert!(weight.over().is_some());
         let signs = [0x12; 60_000];
         assert!(said(&[name_of(&signs)]).contains("its names of cells would take minutes"));
     }
@@ -404,11 +435,8 @@ mod tests {
     #[test]
     fn sheets_lie_where_they_are_looked_at() {
         let said = |place: &str| {
-            let list = format!("<Relationships><Relationship Id='r' Target=\"{place}\"/></Relationships>");
-            relations(&mut Tags::new(list.as_bytes()))
-                .err()
-                .map(|error| error.to_string())
-                .unwrap_or_default()
+            let own = format!(" Id='r' Target=\"{place}\"");
+            relation(own.as_bytes()).err().map(|error| error.to_string()).unwrap_or_default()
         };
         for sound in
             ["worksheets/sheet1.bin", "WorkSheets/Sheet1.BIN", "theme/theme1.xml", "sharedStrings.bin"]
