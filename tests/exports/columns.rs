@@ -164,6 +164,57 @@ fn numbers_of_every_kind_and_stamps_of_spark() {
     assert_eq!(record.mode.expect("there is one")[0].value, 1.0);
 }
 
+#[test]
+fn stamps_of_impala_are_those_of_the_zone_that_is_told() {
+    // 02:00:00 of 2026-10-25 twice, as the clock shows it in Berlin: before it is set back from 03:00, and after that.
+    let stamps = [2 * 3600, 3 * 3600 - 60, 2 * 3600, 3 * 3600 - 60].map(|second: u64| {
+        let (mut stamp, ns) = (Int96::new(), 1_000_000_000 * second);
+        stamp.set_data(ns as u32, (ns >> 32) as u32, 2_461_339);
+        stamp
+    });
+    let path = file(
+        "impala",
+        Compression::SNAPPY,
+        "required int96 time; required double op; required double pv;",
+        &[
+            Values::Int96(stamps.to_vec()),
+            Values::Doubles(vec![1.0, 2.0, 3.0, 4.0]),
+            Values::Doubles(vec![1.0, 2.0, 3.0, 5.0]),
+        ],
+    );
+    let told = Options { tz: Some("Europe/Berlin".into()), ..Options::default() };
+    let found = table(&path, &told).expect("a record");
+    // 00:00, 00:59, 01:00 and 01:59 UTC.
+    let begin = 1_792_886_400.0;
+    let expected = [0.0, 3540.0, 3600.0, 7140.0].map(|second| begin + second);
+    assert_eq!(found.record.op.iter().map(|s| s.t).collect::<Vec<_>>(), expected);
+    let said = found.found.read_as;
+    assert!(said.starts_with("Parquet, time as stamps (INT96, Europe/Berlin by --tz)"), "{said}");
+    // Without a zone it is UTC, and the line says what would decide.
+    let found = table(&path, &Options::default()).expect("a record");
+    assert_eq!(found.record.op[0].t, begin + 7200.0);
+    let said = found.found.read_as;
+    assert!(said.starts_with("Parquet, time as stamps (INT96, UTC; --tz decides)"), "{said}");
+}
+
+#[test]
+fn stamps_that_say_utc_are_of_no_other_zone() {
+    let path = file(
+        "utc",
+        Compression::SNAPPY,
+        "required int64 time (TIMESTAMP(MILLIS,true)); required double op; required double pv;",
+        &[
+            Values::Longs(vec![1_780_293_600_000, 1_780_293_602_000]),
+            Values::Doubles(vec![1.0, 2.0]),
+            Values::Doubles(vec![1.0, 3.0]),
+        ],
+    );
+    let told = Options { tz: Some("Europe/Berlin".into()), ..Options::default() };
+    let found = table(&path, &told).expect("a record");
+    assert_eq!(found.record.op[0].t, 1_780_293_600.0);
+    assert!(found.found.read_as.starts_with("Parquet, time as stamps (UTC)"), "{}", found.found.read_as);
+}
+
 /// A number that binary16 has exactly.
 fn half_bits(value: f32) -> u16 {
     let bits = value.to_bits();

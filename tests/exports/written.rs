@@ -123,8 +123,8 @@ const OF_PANDAS: &[Form] = &[
     form("pandas-stamps-ms", &["INT64 time (TIMESTAMP(MILLIS,false));"]),
     form("pandas-stamps-us", &["INT64 time (TIMESTAMP(MICROS,false));"]),
     form("pandas-stamps-ns", &["INT64 time (TIMESTAMP(NANOS,false));"]),
-    // It has no mark of a zone, and everybody keeps UTC in it.
-    Form { times: Times::Utc, ..form("pandas-int96", &["INT96 time;"]) },
+    // It has no mark of a zone: Spark keeps UTC in it, and Impala what its clock shows.
+    Form { read_as: "Parquet, time as stamps (INT96, ", ..form("pandas-int96", &["INT96 time;"]) },
     form("pandas-index", &["INT64 __index_level_0__ (TIMESTAMP(MICROS,false));"]),
     Form {
         times: Times::Utc,

@@ -1,7 +1,7 @@
 //! Rows of a Parquet file, whatever wrote it: numbers of every width, decimals, text, dates and stamps of every unit.
 
 use super::error::TableError;
-use super::source::{Cell, Rows, Source};
+use super::source::{Cell, Rows, Source, TimeBase};
 use super::stamp::DAY;
 use parquet::basic::{LogicalType, TimeUnit, Type as PhysicalType};
 use parquet::errors::ParquetError;
@@ -33,10 +33,27 @@ const TIMES: u64 = 64;
 struct Stamps {
     /// In nanoseconds, which come as plain numbers.
     nanos: bool,
-    /// On the clock of the wall.
-    civil: bool,
+    /// Their time base.
+    base: TimeBase,
     /// A time of day in nanoseconds.
     clock: bool,
+}
+
+impl Stamps {
+    fn of(field: &Type) -> Self {
+        if field.is_primitive() && field.get_physical_type() == PhysicalType::INT96 {
+            return Self { base: TimeBase::Int96, ..Self::default() };
+        }
+        match field.get_basic_info().logical_type_ref() {
+            Some(LogicalType::Timestamp(stamp)) => Self {
+                nanos: stamp.unit == TimeUnit::NANOS,
+                base: if stamp.is_adjusted_to_u_t_c { TimeBase::Utc } else { TimeBase::Civil },
+                clock: false,
+            },
+            Some(LogicalType::Time(time)) => Self { clock: time.unit == TimeUnit::NANOS, ..Self::default() },
+            _ => Self::default(),
+        }
+    }
 }
 
 /// The rows of a file; the first is made of the columns' names.
@@ -65,18 +82,7 @@ impl Table {
         let read = |field: &&Arc<Type>| !left_out.contains(field.name());
         let fields: Vec<Arc<Type>> = schema.root_schema().get_fields().iter().filter(read).cloned().collect();
         let names = fields.iter().map(|field| field.name().to_string()).collect();
-        let stamps = fields.iter().map(|field| match field.get_basic_info().logical_type_ref() {
-            Some(LogicalType::Timestamp(stamp)) => Stamps {
-                nanos: stamp.unit == TimeUnit::NANOS,
-                civil: !stamp.is_adjusted_to_u_t_c,
-                clock: false,
-            },
-            Some(LogicalType::Time(time)) => {
-                Stamps { clock: time.unit == TimeUnit::NANOS, ..Stamps::default() }
-            }
-            _ => Stamps::default(),
-        });
-        let stamps = stamps.collect();
+        let stamps = fields.iter().map(|field| Stamps::of(field)).collect();
         let only =
             Type::group_type_builder(schema.root_schema().name()).with_fields(fields.clone()).build()?;
         let rows = RowIter::from_file_into(Box::new(reader)).project(Some(only))?;
@@ -150,7 +156,7 @@ impl Rows for Table {
 
 fn cell(field: &Field, stamps: Stamps) -> Cell<'_> {
     let moment = |value: i64, per: i64| {
-        value.checked_mul(per).map_or(Cell::Blank, |ns| Cell::Moment { ns, civil: stamps.civil })
+        value.checked_mul(per).map_or(Cell::Blank, |ns| Cell::Moment { ns, base: stamps.base })
     };
     // Spark, DuckDB and pandas write NaN where nothing was measured.
     let float = |value: f64| if value.is_nan() { Cell::Blank } else { Cell::Number(value) };
@@ -174,17 +180,44 @@ fn cell(field: &Field, stamps: Stamps) -> Cell<'_> {
         Field::Str(text) => Cell::of_text(text),
         // Text that nobody has marked as such.
         Field::Bytes(bytes) => bytes.as_utf8().map_or(Cell::Blank, Cell::of_text),
-        Field::Date(days) => {
-            let civil = Stamps { civil: true, ..stamps };
-            i64::from(*days)
-                .checked_mul(DAY)
-                .map_or(Cell::Blank, |ns| Cell::Moment { ns, civil: civil.civil })
-        }
+        Field::Date(days) => i64::from(*days)
+            .checked_mul(DAY)
+            .map_or(Cell::Blank, |ns| Cell::Moment { ns, base: TimeBase::Civil }),
         Field::TimeMillis(ms) => Cell::Clock(i64::from(*ms) * 1_000_000),
         Field::TimeMicros(us) => us.checked_mul(1_000).map_or(Cell::Blank, Cell::Clock),
         Field::TimestampMillis(ms) => moment(*ms, 1_000_000),
         Field::TimestampMicros(us) => moment(*us, 1_000),
         // A structure or a list is no sample.
         Field::Group(_) | Field::ListInternal(_) | Field::MapInternal(_) => Cell::Blank,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use parquet::schema::parser::parse_message_type;
+
+    #[test]
+    fn stamps_have_the_time_base_of_their_type() {
+        let schema = parse_message_type(
+            "message m { required int96 a; required int64 b (TIMESTAMP(NANOS,false)); \
+             required int64 c (TIMESTAMP(MICROS,true)); required int64 d (TIME(NANOS,true)); \
+             required group e { required int96 f; } }",
+        );
+        let schema = schema.expect("a schema");
+        let stamps: Vec<Stamps> = schema.get_fields().iter().map(|field| Stamps::of(field)).collect();
+        let of = |nanos, base, clock| Stamps { nanos, base, clock };
+        let expected = [
+            of(false, TimeBase::Int96, false),
+            of(true, TimeBase::Civil, false),
+            of(false, TimeBase::Utc, false),
+            of(false, TimeBase::Utc, true),
+            // A structure is no stamp.
+            of(false, TimeBase::Utc, false),
+        ];
+        assert_eq!(stamps, expected);
+        // The library makes milliseconds of INT96.
+        let moment = cell(&Field::TimestampMillis(7), stamps[0]);
+        assert_eq!(moment, Cell::Moment { ns: 7_000_000, base: TimeBase::Int96 });
     }
 }

@@ -83,6 +83,19 @@ pub fn is_nothing(text: &str) -> bool {
     bare.is_empty() || NOTHING.contains(&bare)
 }
 
+/// In which time base a moment as such is kept.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum TimeBase {
+    /// UTC.
+    #[default]
+    Utc,
+    /// That of a clock on the wall, without an offset.
+    Civil,
+    /// Parquet's INT96 does not say: Spark and Hive keep UTC in it, Impala what the clock on the wall shows. It is read as the
+    /// latter, which is UTC where nobody tells a zone.
+    Int96,
+}
+
 /// One cell as its file has it.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Cell<'a> {
@@ -92,8 +105,8 @@ pub enum Cell<'a> {
     Text(&'a str),
     /// A number as such.
     Number(f64),
-    /// A moment as such (ns since 1970); whether it is that of a clock on the wall, without an offset.
-    Moment { ns: i64, civil: bool },
+    /// A moment as such (ns since 1970 in its time base).
+    Moment { ns: i64, base: TimeBase },
     /// A time of day as such (ns since midnight).
     Clock(i64),
 }

@@ -7,7 +7,7 @@ use super::layout::{Layout, SeenRow};
 use super::names::Name;
 use super::number;
 use super::options::Told;
-use super::source::{Cell, Rows};
+use super::source::{Cell, Rows, TimeBase};
 use super::stamp;
 use super::time::WhatKind;
 
@@ -118,7 +118,7 @@ impl ZoneColumn {
         }
         let is_open = match rows.cell(layout.time) {
             Cell::Text(text) => stamp::scan(text).is_some_and(|own| own.has_date() && own.offset.is_none()),
-            Cell::Moment { civil, .. } => civil,
+            Cell::Moment { base, .. } => base != TimeBase::Utc,
             _ => false,
         };
         if !is_open {

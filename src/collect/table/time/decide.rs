@@ -5,6 +5,7 @@ use super::super::header_format;
 use super::super::header_zone::HeaderZone;
 use super::super::number::Decimal;
 use super::super::options::{self, Format, Told, Zone};
+use super::super::source::TimeBase;
 use super::super::stamp::Order;
 use super::reading::{How, Reading, Spread};
 use super::tally::{Groups, Numbers, Times, Track};
@@ -98,7 +99,8 @@ impl Times {
             };
             (&self.clocks, new(how, said.into()), 1.0)
         } else if !by_pattern && self.moments.count == most {
-            (&self.moments, new(How::Moment, format!("time as stamps{}", zone())), 1.0)
+            let has_zone = told.zone.name.is_some() || of_header.is_some();
+            (&self.moments, new(How::Moment, self.moments_said(&zone(), has_zone)), 1.0)
         } else {
             let pattern = match &told.format {
                 Some(Format::Pattern(pattern)) => pattern.clone(),
@@ -308,6 +310,18 @@ impl Times {
             |_| String::new(),
             |stamp| jiff::tz::Offset::UTC.to_datetime(stamp).date().to_string(),
         )
+    }
+
+    /// How moments as such are kept, and in which zone they are read; `zone` is that of a clock on the wall.
+    fn moments_said(&self, zone: &str, has_zone: bool) -> String {
+        let zone = match self.base {
+            // No other zone moves them.
+            Some(TimeBase::Utc) => " (UTC)".to_string(),
+            Some(TimeBase::Int96) if has_zone => format!(" (INT96, {}", zone.trim_start_matches([' ', '('])),
+            Some(TimeBase::Int96) => " (INT96, UTC; --tz decides)".to_string(),
+            Some(TimeBase::Civil) | None => zone.to_string(),
+        };
+        format!("time as stamps{zone}")
     }
 
     /// How dates are written, by the example of the first.

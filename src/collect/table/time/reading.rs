@@ -2,7 +2,7 @@
 
 use super::super::number::Decimal;
 use super::super::options::{Unit, Zone};
-use super::super::source::Cell;
+use super::super::source::{Cell, TimeBase};
 use super::super::stamp::{DAY, HOUR, Order, SECOND};
 use super::tally::SINCE_1904;
 use super::what::What;
@@ -136,7 +136,9 @@ impl Reading {
             }
             (How::Dated(order), What::Dated(stamp)) => self.moment(stamp.civil(*order)?, stamp.offset, last),
             // A spreadsheet keeps most stamps as such and some as text.
-            (How::Moment, What::Moment { ns, civil }) => self.moment(ns, (!civil).then_some(0), last),
+            (How::Moment, What::Moment { ns, base }) => {
+                self.moment(ns, (base == TimeBase::Utc).then_some(0), last)
+            }
             (How::Clock, What::Clock(ns)) => Some(last.unwrapped(ns, DAY)),
             (How::Minutes, What::Clock(ns)) => Some(last.unwrapped(ns, HOUR)),
             (How::Elapsed, What::Clock(ns)) => Some(seconds(ns)),

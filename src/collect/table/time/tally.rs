@@ -4,7 +4,7 @@ use super::super::error::shown;
 use super::super::evidence::Evidence;
 use super::super::number::Decimal;
 use super::super::options::{Format, Told};
-use super::super::source::Cell;
+use super::super::source::{Cell, TimeBase};
 use super::super::stamp::{self, Order};
 use super::what::What;
 
@@ -247,6 +247,8 @@ pub struct Times {
     minutes: u64,
     /// Moments as such (s).
     pub moments: Track,
+    /// The time base of the first of them: all of a column have the same.
+    pub base: Option<TimeBase>,
     /// By the pattern that was told.
     pub formatted: Track,
     /// How fractions of seconds are written.
@@ -353,7 +355,12 @@ impl Times {
         }
         self.minutes += u64::from(clock.is_some() && stamp::are_minutes(&text()));
         self.clocks.add(row, &text, clock);
-        let moment = if let What::Moment { ns, .. } = what { Some(ns as f64 * 1e-9) } else { None };
+        let moment = if let What::Moment { ns, base } = what {
+            self.base.get_or_insert(base);
+            Some(ns as f64 * 1e-9)
+        } else {
+            None
+        };
         self.moments.add(row, &text, moment);
     }
 }

@@ -2,7 +2,7 @@
 
 use super::super::number;
 use super::super::options::Unit;
-use super::super::source::Cell;
+use super::super::source::{Cell, TimeBase};
 use super::super::stamp::{self, DAY, Stamp};
 
 /// What a cell of the column, or the two of date and time of day, can be.
@@ -11,7 +11,7 @@ pub enum What<'a> {
     Digits(number::Number<'a>),
     Dated(Stamp),
     Clock(i64),
-    Moment { ns: i64, civil: bool },
+    Moment { ns: i64, base: TimeBase },
     Nothing,
 }
 
@@ -19,11 +19,11 @@ impl<'a> What<'a> {
     pub fn of(first: &Cell<'a>, second: Option<&Cell<'a>>) -> Self {
         match (first, second) {
             (Cell::Number(value), None) if value.is_finite() => What::Number(*value),
-            (Cell::Moment { ns, civil }, None) => What::Moment { ns: *ns, civil: *civil },
+            (Cell::Moment { ns, base }, None) => What::Moment { ns: *ns, base: *base },
             (Cell::Clock(ns), None) => What::Clock(*ns),
             (Cell::Text(text), None) => text_alone(text),
-            (Cell::Moment { ns, civil }, Some(second)) => match time_of_day(second) {
-                Some(clock) if ns % DAY == 0 => What::Moment { ns: ns.saturating_add(clock), civil: *civil },
+            (Cell::Moment { ns, base }, Some(second)) => match time_of_day(second) {
+                Some(clock) if ns % DAY == 0 => What::Moment { ns: ns.saturating_add(clock), base: *base },
                 _ => What::Nothing,
             },
             (Cell::Text(date), Some(Cell::Text(clock))) => {
