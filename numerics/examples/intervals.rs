@@ -73,6 +73,12 @@ fn main() {
             })
         };
         let mark = if model_sd == MODEL_SD { " (published)" } else { "" };
-        println!("| {model_sd}{mark} | {} | {} | {} | {} |", share("A"), share("B"), share("C"), share("ABC"));
+        println!(
+            "| {model_sd}{mark} | {} | {} | {} | {} |",
+            share("A"),
+            share("B"),
+            share("C"),
+            share("ABC")
+        );
     }
 }

@@ -276,8 +276,10 @@ mod tests {
     #[test]
     fn f_stays_within_a_tenth_or_within_what_two_windows_can_tell() {
         let last = ValveModel { s: 2.0, ..ValveModel::default() };
-        let now = |f: f64, half: f64| {
-            Friction { f, f_ci95: beside_model_error(f, [f - half, f + half]), ..Friction::default() }
+        let now = |f: f64, half: f64| Friction {
+            f,
+            f_ci95: beside_model_error(f, [f - half, f + half]),
+            ..Friction::default()
         };
         assert!(stays(&last, &now(1.09, 0.0)) && stays(&last, &now(0.92, 0.0)));
         assert!(!stays(&last, &now(1.2, 0.1)) && stays(&last, &now(1.2, 0.15)));
