@@ -15,7 +15,7 @@ mod parallel;
 use acquired::{draw, judge};
 use clap::Parser;
 use stictiond_numerics::detectors::tally::wilson;
-use stictiond_numerics::residual::interval::{MODEL_SD, NORMAL_95, without_model_error};
+use stictiond_numerics::sysid::valve::model_error::{MODEL_SD, NORMAL_95, without_model_error};
 
 /// Relative standard deviations of f that are tried.
 const TRIED: [f64; 7] = [0.0, 0.02, 0.04, 0.06, 0.08, 0.1, 0.12];

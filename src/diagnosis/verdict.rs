@@ -20,6 +20,7 @@ use super::{
 use super::{armax, gate, validation};
 use crate::signal::{Record, Row, Window, span_at_least, told};
 use crate::sysid::stats::{mean, median, normalised, quantile, range, sd};
+use crate::sysid::valve::model_error::with_model_error;
 
 /// Fewest large extrema of OP in the window: those of two periods.
 const LEAST_EXTREMA: usize = 4;
@@ -138,7 +139,7 @@ fn judge(record: &Record, settings: &Settings) -> Diagnosis {
     let (_, stem) = searcher.errors(&chosen);
     let estimate = Estimate {
         f: chosen.f * scale.u,
-        f_ci95: bounds.map(|b| b * scale.u),
+        f_ci95: with_model_error(chosen.f, bounds).map(|b| b * scale.u),
         f_of_op_range: chosen.f * scale.u / (high - low),
         delta_aic: weighed.map_or(0.0, |(_, e)| e.delta_aic.max(0.0)),
         rival: weighed.map_or(Rival::Linear, |(_, e)| e.rival),

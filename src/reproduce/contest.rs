@@ -8,6 +8,7 @@ use super::srinivasan::best_d;
 use super::tables::{D_WINDOW, DEAD_BAND, DIAGNOSED, NOISE_SAMPLE_TIME, noisy, op_noise};
 use crate::compensation::{BacklashInverse, Compensator, Knocker};
 use crate::sim::SpecError;
+use crate::sysid::valve::model_error::without_model_error;
 
 /// Amplitudes searched, in f.
 const AMPLITUDES: [f64; 9] = [0.25, 0.5, 0.75, 0.9, 1.0, 1.1, 1.25, 1.5, 2.0];
@@ -111,7 +112,9 @@ fn one_loop(case: &Case, noise: bool) -> Result<Vec<Vec<Cell>>, SpecError> {
         let band = DEAD_BAND * op_noise(&original.spec);
         let settings = format!("a {f:.2}, dead band {band:.2}");
         arena.enter(&format!("{named}, dead band"), settings, &mut *reinforcement(f, band))?;
-        let upper = diagnosis.estimate.as_ref().map(|e| e.f_ci95[1]).filter(|_| found.is_some());
+        // The paper's valve is the model itself.
+        let upper = diagnosis.estimate.as_ref().map(|e| without_model_error(e.f, e.f_ci95)[1]);
+        let upper = upper.filter(|_| found.is_some());
         if let Some(upper) = upper {
             let settings = format!("a {upper:.2}");
             arena.enter("CR, a = upper end of f_ci95", settings, &mut *reinforcement(upper, 0.0))?;

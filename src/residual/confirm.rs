@@ -25,7 +25,6 @@ use super::held_out::{judge, without};
 use super::hypotheses::load::oscillating_load::Oscillating;
 use super::hypotheses::{ALL, Propose, again};
 use super::hypothesis::Hypothesis;
-use super::interval::without_model_error;
 use super::posterior::{class, log_prior};
 use super::report::{lasts, report, scaled};
 use super::response::evidence;
@@ -39,6 +38,7 @@ use crate::diagnosis::{self, Diagnosis, Verdict};
 use crate::signal::{Record, Window};
 use crate::sysid::iddata::IdData;
 use crate::sysid::valve::ValveModel;
+use crate::sysid::valve::model_error::without_model_error;
 use std::f64::consts::SQRT_2;
 
 /// Time for which a structure may be confirmed before all is searched for again: what the tests overlook is found within a day
@@ -270,15 +270,15 @@ fn needed(data: &IdData, best: &Fitted) -> Result<Vec<(Evidence, f64)>, usize> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::interval::beside_model_error;
     use super::*;
+    use crate::sysid::valve::model_error::with_model_error;
 
     #[test]
     fn f_stays_within_a_tenth_or_within_what_two_windows_can_tell() {
         let last = ValveModel { s: 2.0, ..ValveModel::default() };
         let now = |f: f64, half: f64| Friction {
             f,
-            f_ci95: beside_model_error(f, [f - half, f + half]),
+            f_ci95: with_model_error(f, [f - half, f + half]),
             ..Friction::default()
         };
         assert!(stays(&last, &now(1.09, 0.0)) && stays(&last, &now(0.92, 0.0)));

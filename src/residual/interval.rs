@@ -8,13 +8,7 @@
 //! likelihood ratio where chi-squared would say 3.84. A turn lies somewhere between two samples, which no likelihood knows:
 //! hence the step of OP. The likelihood is tempered as in the verdict: a model of a valve is nearly right only.
 //!
-//! A real valve differs from every model of one, in the same way at each of its turns. No likelihood tells by how much f is
-//! then off, so both ends are moved as if f had one more error, of a relative standard deviation that simulated valves of
-//! three kinds show:
-//!
-//! ```text
-//! ln(end / f_hat)^2 = ln(end of the likelihood / f_hat)^2 + (1.96 MODEL_SD)^2
-//! ```
+//! The error of the models of valves is added to both ends (`sysid/valve/model_error.rs`).
 //!
 //! Source: Hansen, Econometrica 2000, 68, 575, table 1.
 
@@ -26,13 +20,10 @@ use crate::sysid::criterion::TEMPERING;
 use crate::sysid::iddata::IdData;
 use crate::sysid::stats::{median, quantile};
 use crate::sysid::valve::ValveModel;
+use crate::sysid::valve::model_error::with_model_error;
 
 /// 95 % point of the likelihood ratio of a threshold.
 const THRESHOLD_95: f64 = 7.35;
-/// Relative standard deviation of f by which a valve differs from its models.
-pub const MODEL_SD: f64 = 0.08;
-/// 97.5 % point of the normal distribution.
-pub const NORMAL_95: f64 = 1.96;
 /// S tried to each side, as `ln(S / S_hat)`.
 const STEPS: [f64; 18] = [
     0.001, 0.002, 0.004, 0.007, 0.012, 0.02, 0.03, 0.05, 0.08, 0.12, 0.18, 0.27, 0.4, 0.6, 0.9, 1.3, 1.9, 2.7,
@@ -85,48 +76,5 @@ pub fn interval(data: &IdData, hypothesis: &Hypothesis, unseen: bool) -> [f64; 2
     let (low, high) = (end(&sides[0]).unwrap_or(0.0), end(&sides[1]).unwrap_or(data.f_max).max(valve.f()));
     let steps: Vec<f64> = data.u.windows(2).map(|w| (w[1] - w[0]).abs()).collect();
     let step = if unseen { quantile(&steps, FAST) } else { median(&steps) };
-    beside_model_error(valve.f(), [(low - step).max(0.0), high + step])
-}
-
-/// The interval of f (OP unit) with the error of the models of valves; an end at 0 stays there.
-pub fn beside_model_error(f: f64, [low, high]: [f64; 2]) -> [f64; 2] {
-    let apart = |end: f64| (end / f).ln().hypot(NORMAL_95 * MODEL_SD).exp();
-    if f > 0.0 && low >= 0.0 && high.is_finite() { [f / apart(low), f * apart(high)] } else { [low, high] }
-}
-
-/// The interval of f by its likelihood alone (OP unit), of one that has the error of the models, too: two windows of one valve
-/// have that in common.
-pub fn without_model_error(f: f64, [low, high]: [f64; 2]) -> [f64; 2] {
-    let apart = |end: f64| {
-        let whole = (end / f).ln();
-        (whole * whole - (NORMAL_95 * MODEL_SD).powi(2)).max(0.0).sqrt().exp()
-    };
-    if f > 0.0 && low >= 0.0 && high.is_finite() { [f / apart(low), f * apart(high)] } else { [low, high] }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn two_windows_have_the_error_of_the_models_in_common() {
-        for own in [[1.9, 2.3], [2.0, 2.0], [0.0, 2.01], [0.7, 9.0]] {
-            let back = without_model_error(2.0, beside_model_error(2.0, own));
-            assert!(back.iter().zip(own).all(|(a, b)| (a - b).abs() < 1e-7), "{own:?} {back:?}");
-        }
-    }
-
-    #[test]
-    fn the_error_of_the_models_adds_to_that_of_the_likelihood() {
-        let alone = (NORMAL_95 * MODEL_SD).exp();
-        let [low, high] = beside_model_error(2.0, [2.0, 2.0]);
-        assert!((low - 2.0 / alone).abs() < 1e-12 && (high - 2.0 * alone).abs() < 1e-12);
-        // Three and four are five: here in units of the models' error.
-        let ends = [-0.75, 4.0 / 3.0].map(|times: f64| 2.0 * (times * NORMAL_95 * MODEL_SD).exp());
-        let [low, high] = beside_model_error(2.0, ends);
-        assert!((low - 2.0 * (-1.25 * NORMAL_95 * MODEL_SD).exp()).abs() < 1e-12);
-        assert!((high - 2.0 * (5.0 / 3.0 * NORMAL_95 * MODEL_SD).exp()).abs() < 1e-12);
-        assert_eq!(beside_model_error(2.0, [0.0, 3.0])[0], 0.0, "friction that may be none stays so");
-        assert_eq!(beside_model_error(0.0, [0.0, 3.0]), [0.0, 3.0]);
-    }
+    with_model_error(valve.f(), [(low - step).max(0.0), high + step])
 }

@@ -23,7 +23,7 @@ pub mod forward_selection;
 mod held_out;
 pub mod hypotheses;
 pub mod hypothesis;
-pub mod interval;
+mod interval;
 pub mod posterior;
 pub mod report;
 mod response;

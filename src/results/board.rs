@@ -8,6 +8,7 @@ use crate::alarm::{
     Action, Alarm, AlarmId, Cause, Config, Flood, Kind, Line, Observation, Priority, Transition,
 };
 use crate::signal::LoopId;
+use crate::sysid::valve::model_error::without_model_error;
 use std::collections::{BTreeMap, HashSet};
 use std::fmt;
 use std::sync::Arc;
@@ -389,6 +390,8 @@ impl Board {
 
         // A term in force hides the friction: what is left of it is no measure of the valve.
         if let (Some(f), Some(interval), true) = (f_percent, summary.f_ci95, identifiable && !reinforced) {
+            // All diagnoses of a valve have this error in common: no rise comes of it.
+            let interval = without_model_error(f, interval);
             let id = of(Kind::FRising);
             let mut line = None;
             self.change(&id, None, None, news, |alarm, config| {

@@ -2,6 +2,7 @@
 
 use super::{Run, f_unit, op_in_percent};
 use crate::signal::told;
+use crate::sysid::valve::model_error::without_model_error;
 
 /// Share of f by which two estimates of the same friction may lie apart beside their intervals: an f within a tenth is what a
 /// record is expected to tell.
@@ -83,10 +84,13 @@ impl Compensated {
     }
 }
 
-/// Whether two intervals, each widened by a share of its f, have anything in common.
+/// Whether two intervals of their likelihoods, each widened by a share of its f, have anything in common: the error of the models
+/// is the same for both.
 fn meet(a: &Before, b: &Before) -> bool {
-    let wide =
-        |own: &Before| [own.f_ci95[0].min(own.f) - APART * own.f, own.f_ci95[1].max(own.f) + APART * own.f];
+    let wide = |own: &Before| {
+        let [low, high] = without_model_error(own.f, own.f_ci95);
+        [low.min(own.f) - APART * own.f, high.max(own.f) + APART * own.f]
+    };
     let ([a_low, a_high], [b_low, b_high]) = (wide(a), wide(b));
     a_low <= b_high && b_low <= a_high
 }

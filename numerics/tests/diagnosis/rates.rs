@@ -9,6 +9,7 @@ use stictiond_numerics::diagnosis::search::Searcher;
 use stictiond_numerics::diagnosis::{Diagnosis, Settings, Verdict, diagnose, gate, prepare, verdict};
 use stictiond_numerics::sim::Scenario;
 use stictiond_numerics::sim::scenarios::{calibration, random_sound, random_sticky};
+use stictiond_numerics::sysid::valve::model_error::without_model_error;
 
 /// Largest relative error of an f that counts as right.
 const CLOSE: f64 = 0.10;
@@ -71,7 +72,9 @@ impl Judged {
     /// Whether the interval of f holds S/2, where the diagnosis says stiction.
     fn covered(&self) -> Option<bool> {
         let e = self.diagnosis.estimate.as_ref().filter(|_| self.sticky())?;
-        Some((e.f_ci95[0]..=e.f_ci95[1]).contains(&self.truth()))
+        // These valves are the models themselves.
+        let [low, high] = without_model_error(e.f, e.f_ci95);
+        Some((low..=high).contains(&self.truth()))
     }
 
     fn line(&self) -> String {

@@ -14,6 +14,7 @@ use crate::results::Results;
 use crate::schedule::Clock;
 use crate::serve::{Acted, WritebackPort};
 use crate::signal::{LoopId, Role};
+use crate::sysid::valve::model_error::without_model_error;
 use crate::writeback::{Clocks, Look, LoopSetup, Tell, Writeback};
 use std::collections::{BTreeSet, HashMap};
 use std::path::PathBuf;
@@ -216,7 +217,8 @@ fn look(
             Some(Evidence {
                 sticky: sticky.iter().all(|verdict| **verdict == Verdict::Stiction),
                 f,
-                f_ci95,
+                // The diagnosis for which it was granted has the error of the models, too.
+                f_ci95: without_model_error(f, f_ci95),
                 at: run.finished,
             })
         });

@@ -20,6 +20,7 @@
 //! Chem. Res. 2007, 46, 4549; Stenman et al., Int. J. Adapt. Control 2003, 17, 251; Ivan & Lakshminarayanan 2009.
 
 pub mod batch;
+pub mod model_error;
 
 /// When a stem rests, so that OP has to be `J` ahead before it goes on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
