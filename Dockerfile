@@ -7,12 +7,13 @@ WORKDIR /src
 COPY Cargo.toml Cargo.lock ./
 COPY .cargo .cargo
 COPY numerics numerics
+COPY tables tables
 # The manifest names the benches.
 COPY benches benches
 # The dependencies alone first, so that a change of the sources does not build them again.
-RUN mkdir src && echo 'fn main() {}' > src/main.rs && touch src/lib.rs src/numerics.rs && cargo build --release --locked && rm -r src
+RUN mkdir src && echo 'fn main() {}' > src/main.rs && touch src/lib.rs src/numerics.rs src/tables.rs && cargo build --release --locked && rm -r src
 COPY src src
-RUN touch src/main.rs src/lib.rs src/numerics.rs && cargo build --release --locked --bin stictiond
+RUN touch src/main.rs src/lib.rs src/numerics.rs src/tables.rs && cargo build --release --locked --bin stictiond
 
 FROM debian:bookworm-slim
 COPY --from=build /src/target/release/stictiond /usr/local/bin/stictiond

@@ -8,10 +8,10 @@ mod parallel;
 use std::error::Error;
 use std::fs;
 use std::path::{Path, PathBuf};
-use stictiond::collect::table;
 use stictiond::diagnosis::{Diagnosis, Settings, diagnose};
 use stictiond::residual::{self, Findings, trace_record};
 use stictiond::signal::Record;
+use stictiond::table;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let folder = std::env::args().nth(1).map_or_else(|| PathBuf::from("../shared/data"), PathBuf::from);

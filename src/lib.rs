@@ -6,6 +6,7 @@
 pub use stictiond_numerics::{
     compensation, detectors, diagnosis, indicators, plantwide, plot, residual, signal, sim, sysid,
 };
+pub use stictiond_tables::table;
 
 pub mod reproduce;
 

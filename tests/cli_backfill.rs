@@ -6,10 +6,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
-use stictiond::collect::table::{self, Options, Source};
 use stictiond::diagnosis::{Settings, diagnose};
 use stictiond::signal::{Record, Sample};
 use stictiond::store::{self, Batch, Series, Store, TagName};
+use stictiond::table::{self, Options, Source};
 
 /// Four times PV is exactly zero, and for an hour and a half nothing was written.
 const RECORD: &str = "FIC211";

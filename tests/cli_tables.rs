@@ -9,8 +9,8 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
-use stictiond::collect::table::{self, Options, Source, TableError};
 use stictiond::signal::Sample;
+use stictiond::table::{self, Options, Source, TableError};
 
 /// Rows of each table: enough for two windows of a minute.
 const ROWS: u32 = 150;

@@ -6,8 +6,8 @@ mod labelled;
 mod parallel;
 
 use labelled::labelled;
-use stictiond::collect::table;
 use stictiond::diagnosis::{Diagnosis, Settings, Verdict, diagnose};
+use stictiond::table;
 
 /// From the package's root, where cargo runs the tests.
 const FOLDER: &str = "../shared/data";

@@ -11,10 +11,10 @@ use std::collections::BTreeSet;
 use std::fmt::Debug;
 use std::fs;
 use std::path::{Path, PathBuf};
-use stictiond::collect::{modbus, mqtt, opcua, table};
+use stictiond::collect::{modbus, mqtt, opcua};
 use stictiond::config::{self, LoopConfig};
 use stictiond::{
-    access, alarm, audit, diagnosis, fleet, history, notify, schedule, serve, store, work, writeback,
+    access, alarm, audit, diagnosis, fleet, history, notify, schedule, serve, store, table, work, writeback,
 };
 
 const DOCUMENTS: &[&str] = &[
@@ -210,7 +210,7 @@ fn every_configuration_in_the_documents_is_accepted() {
 #[test]
 fn the_record_that_the_readme_diagnoses_is_what_it_says() {
     let file = root().join("docs/example.csv");
-    let record = stictiond::collect::table::record(&file).expect("the example is a record");
+    let record = stictiond::table::record(&file).expect("the example is a record");
     let found = diagnosis::diagnose(&record, &diagnosis::Settings::default());
     assert_eq!(found.verdict, diagnosis::Verdict::Stiction, "{}", found.reason);
     // Made with the demo's loop FIC103: S/2 = 0.5 % OP.

@@ -59,13 +59,13 @@ mod xls;
 mod xlsb_records;
 
 use std::path::{Path, PathBuf};
-use stictiond::collect::table::{Options, Source, Table, read};
 use stictiond::signal::Record;
+use stictiond::table::{Options, Source, Table, read};
 
 /// The record that every form is made of.
 fn example() -> Record {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/example.csv");
-    stictiond::collect::table::record(&path).expect("the example is a record")
+    stictiond::table::record(&path).expect("the example is a record")
 }
 
 fn of_bytes(bytes: &[u8], options: &Options) -> Result<Table, String> {

@@ -4,11 +4,11 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
-use stictiond::collect::table;
 use stictiond::diagnosis::history_kind::recognise;
 use stictiond::signal::Sample;
 use stictiond::sim::archive::{averaged, exception, held, interpolated, moving_average, swinging_door};
 use stictiond::sim::scenarios::{Scenario, random_sound, random_sticky};
+use stictiond::table;
 
 /// From the package root, where cargo runs the tests.
 const FOLDER: &str = "../shared/data";

@@ -15,7 +15,7 @@ use archive::archive;
 use packed::packed;
 use peak_alloc::PeakAlloc;
 use std::hint::black_box;
-use stictiond::collect::table::{Options, Source, read};
+use stictiond::table::{Options, Source, read};
 use xls::{LAST, cell, compound_of, number, record, shared_text, stream_of, texts, told_text};
 
 #[global_allocator]

@@ -6,7 +6,6 @@ use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
-use stictiond::collect::table::{Options, Table};
 use stictiond::detectors::integration::told_by_name;
 use stictiond::detectors::tally::Tally;
 use stictiond::detectors::{Facts, Method, Opinion, Says, agreement, opinion};
@@ -16,6 +15,7 @@ use stictiond::results::Judged;
 use stictiond::serve::dto::benchmark::{BenchmarkJudge, BenchmarkRecord, BenchmarkReport};
 use stictiond::serve::report::{mark, of_benchmark, share};
 use stictiond::signal::{Record, Window};
+use stictiond::table::{Options, Table};
 
 #[derive(clap::Args)]
 pub struct Args {

@@ -4,12 +4,12 @@ use super::format::Format;
 use super::{Failure, plot, print, table, text};
 use std::fs;
 use std::path::PathBuf;
-use stictiond::collect::table::Table;
 use stictiond::detectors::integration::told_by_name;
 use stictiond::diagnosis::{Settings, diagnose};
 use stictiond::residual::{self, trace_record};
 use stictiond::results::Judged;
 use stictiond::serve::dto::Report;
+use stictiond::table::Table;
 
 #[derive(clap::Args)]
 pub struct Args {

@@ -4,9 +4,9 @@
 use super::{Failure, print};
 use std::path::PathBuf;
 use stictiond::collect::stub::{self, Tag, quoted};
-use stictiond::collect::table::{self, Options, Source, TextRow};
 use stictiond::config;
 use stictiond::signal::Role;
+use stictiond::table::{self, Options, Source, TextRow};
 
 /// Rows that are read, at most.
 const MAX_ROWS: usize = 200_000;

@@ -5,8 +5,8 @@ use std::fs;
 use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
-use stictiond::collect::table;
 use stictiond::reproduce::{Measured, json, page, reproduce};
+use stictiond::table;
 
 #[derive(clap::Args)]
 pub struct Args {

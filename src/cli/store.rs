@@ -6,11 +6,11 @@ use std::collections::HashMap;
 use std::fmt::Write;
 use std::io;
 use std::path::{Path, PathBuf};
-use stictiond::collect::table::{self, Found, Options, Source, TableError};
 use stictiond::config;
 use stictiond::serve::dto::{parse_time, rfc3339};
 use stictiond::store::archive::{self, ArchiveError, Choice, Format, Gathered, Import, Kind, Place};
 use stictiond::store::{self, Batch, Config, Reader, Store, StoreError};
+use stictiond::table::{self, Found, Options, Source, TableError};
 
 /// Faults that are printed; the rest are counted.
 const FAULTS: usize = 20;

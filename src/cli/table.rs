@@ -3,8 +3,8 @@
 use super::Failure;
 use std::path::Path;
 use stictiond::app::span_contradiction;
-use stictiond::collect::table::{self, Options, Source, Table, TableError};
 use stictiond::signal::{Record, Scale};
+use stictiond::table::{self, Options, Source, Table, TableError};
 
 /// What a table does not say, or leaves in doubt.
 #[derive(clap::Args, Clone, Debug, Default)]

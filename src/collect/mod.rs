@@ -8,7 +8,6 @@ pub mod modbus;
 pub mod mqtt;
 pub mod opcua;
 pub mod stub;
-pub mod table;
 
 mod backoff;
 mod device;

@@ -2,8 +2,8 @@
 //!
 //! Which tag is what is told by its name, as the columns of a table are: `FIC101.OP`, `Unit10/FIC101/PV`.
 
-use super::table::names::{Meaning, Name};
 use crate::signal::Role;
+use crate::table::names::{Meaning, Name};
 use std::collections::{BTreeMap, HashMap};
 use std::fmt::Write;
 

@@ -1,6 +1,6 @@
 //! A value that a device sends as text: `12,5`, `50.1 °C`, `+50.1`, `ON`. Read as one number or refused, never guessed.
 
-use super::table::number::{self, Decimal, Form};
+use crate::table::number::{self, Decimal, Form};
 use serde::Deserialize;
 use std::fmt;
 

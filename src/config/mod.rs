@@ -24,9 +24,9 @@ pub use tag::MODBUS_KEYS;
 pub use tag::{ForwardedTag, TagConfig};
 pub use wording::type_meant;
 
-use crate::collect::{modbus, mqtt, opcua, table};
+use crate::collect::{modbus, mqtt, opcua};
 use crate::{
-    access, alarm, audit, diagnosis, fleet, history, notify, schedule, serve, store, work, writeback,
+    access, alarm, audit, diagnosis, fleet, history, notify, schedule, serve, store, table, work, writeback,
 };
 use diagnostic::Report;
 use serde::Deserialize;

@@ -6,9 +6,9 @@ use super::keys::Keys;
 use super::source::{Source, Step, entry_at, table_mut, tables_at};
 use super::wording;
 use super::{Config, LoopConfig, keys};
-use crate::collect::{self, modbus, mqtt, opcua};
+use crate::collect::{modbus, mqtt, opcua};
 use crate::{
-    access, alarm, audit, diagnosis, fleet, history, notify, schedule, serve, store, work, writeback,
+    access, alarm, audit, diagnosis, fleet, history, notify, schedule, serve, store, table, work, writeback,
 };
 use serde::de::DeserializeOwned;
 use std::borrow::Cow;
@@ -51,7 +51,7 @@ pub struct Parts {
     pub history: Option<history::Config>,
     /// Inside, `None` where the section is left out.
     pub store: Option<Option<store::Config>>,
-    pub tables: Option<collect::table::Config>,
+    pub tables: Option<table::Config>,
     pub schedule: Option<schedule::Config>,
     pub diagnosis: Option<diagnosis::Config>,
     pub alarm: Option<alarm::Config>,

@@ -1,5 +1,5 @@
 //! The store as tables in files that other programs read: CSV and Parquet, row by row in bounded memory; and samples from
-//! tables, which `collect::table` reads, gathered for the store.
+//! tables, which `table` reads, gathered for the store.
 
 mod csv;
 mod parquet;

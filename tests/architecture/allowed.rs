@@ -12,6 +12,7 @@ pub const MAY_IMPORT: &[(&str, &[&str])] = &[
     ("plantwide", &["signal", "sysid", "diagnosis", "detectors", "indicators"]),
     ("compensation", &["signal"]),
     ("plot", &[]),
+    ("table", &["signal"]),
     ("reproduce", &["signal", "diagnosis", "sim", "compensation", "plot"]),
     ("alarm", &["signal"]),
     ("access", &[]),
@@ -23,7 +24,7 @@ pub const MAY_IMPORT: &[(&str, &[&str])] = &[
     ("protobuf", &[]),
     ("quiet", &[]),
     ("mqtt", &["host", "protobuf"]),
-    ("collect", &["signal", "bounded", "dial", "host", "login", "mqtt"]),
+    ("collect", &["signal", "table", "bounded", "dial", "host", "login", "mqtt"]),
     ("notify", &["signal", "alarm", "bounded", "dial", "results", "host", "login", "mqtt"]),
     ("history", &["signal"]),
     ("store", &["signal", "bounded"]),
@@ -62,6 +63,7 @@ pub const MAY_IMPORT: &[(&str, &[&str])] = &[
         &[
             "host",
             "signal",
+            "table",
             "access",
             "audit",
             "alarm",
@@ -81,6 +83,7 @@ pub const MAY_IMPORT: &[(&str, &[&str])] = &[
         "app",
         &[
             "signal",
+            "table",
             "fleet",
             "host",
             "compensation",
@@ -124,6 +127,7 @@ pub const MAY_IMPORT: &[(&str, &[&str])] = &[
         "cli",
         &[
             "signal",
+            "table",
             "quiet",
             "sysid",
             "access",
@@ -150,6 +154,7 @@ pub const MAY_IMPORT: &[(&str, &[&str])] = &[
     ),
     ("lib", &[]),
     ("numerics", &[]),
+    ("tables", &[]),
     ("main", &["cli"]),
 ];
 
@@ -194,6 +199,15 @@ pub const PURE_STD: &[&str] = &[
     "sync",
     "vec",
 ];
+/// Modules that open files to read them, and are pure but for that.
+pub const READERS: &[&str] = &["table"];
+/// What READERS may use from outside: what takes kinds of files, texts and times apart.
+pub const FORMATS: &[&str] =
+    &["calamine", "chardetng", "csv", "encoding_rs", "flate2", "jiff", "parquet", "thiserror", "zip"];
+/// What of std READERS may use besides PURE_STD; libraries that take files apart may panic.
+pub const READER_STD: &[&str] = &["std::fs::File", "std::io", "std::panic", "std::path"];
+/// Functions that ask the machine for its time or its time zone.
+pub const OF_MACHINE: &[&str] = &["now", "system", "try_system"];
 /// Names that draw random numbers from the machine.
 pub const UNSEEDED: &[&str] = &["rng", "thread_rng", "random", "OsRng", "SysRng", "from_os_rng", "ThreadRng"];
 
@@ -207,7 +221,6 @@ pub const CONFIG_FILES: &[&str] = &[
     "src/collect/mqtt/config.rs",
     "src/collect/opcua/config.rs",
     "src/collect/pair.rs",
-    "src/collect/table/options.rs",
     "src/collect/text_value.rs",
     "src/diagnosis/config.rs",
     "src/fleet/config.rs",
@@ -224,6 +237,7 @@ pub const CONFIG_FILES: &[&str] = &[
     "src/serve/mod.rs",
     "src/serve/tls.rs",
     "src/store/config.rs",
+    "src/table/options.rs",
     "src/work/config.rs",
     "src/writeback/config.rs",
 ];

@@ -63,6 +63,32 @@ fn a_clock_a_file_a_task_or_chance_in_a_pure_module_is_found() {
 }
 
 #[test]
+fn a_reader_of_files_that_does_more_than_read_is_found() {
+    let crates = ["tokio", "tracing", "rand", "nalgebra", "jiff"].map(String::from);
+    let refused = |path: &str, text: &str| purity(&Source::new(path, text), &crates);
+    for text in [
+        "use std::time::SystemTime;",
+        "use std::net::TcpStream;",
+        "use std::{fs, io};",
+        "use std::fs::OpenOptions;",
+        "fn f() { std::fs::write(p, b) }",
+        "fn f() { File::create(p) }",
+        "fn f() { jiff::Timestamp::now() }",
+        "fn f() { TimeZone::system() }",
+        "fn f() { tracing::info!(n) }",
+        "use tokio::fs::File;",
+        "use rand::RngExt;",
+        "use nalgebra::DMatrix;",
+    ] {
+        assert_eq!(refused("src/table/source.rs", text).len(), 1, "{text}");
+    }
+    let reads =
+        "use std::fs::File; use std::io::{self, Read}; use jiff::tz::TimeZone; fn f() { File::open(p) }";
+    assert_eq!(refused("src/table/source.rs", reads), [""; 0]);
+    assert_eq!(refused("src/diagnosis/armax.rs", reads).len(), 4, "a pure module reads no file");
+}
+
+#[test]
 fn a_call_around_the_scheduler_is_found() {
     let refused = |text: &str| diagnosing(&Source::new("src/serve/api/loops.rs", text)).len();
     assert_eq!(refused("use crate::diagnosis::{Settings, diagnose};"), 1);

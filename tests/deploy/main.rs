@@ -85,9 +85,9 @@ fn what_the_dockerfile_copies_is_sent_to_the_builder_and_is_there() {
             copied += 1;
         }
     }
-    assert!(copied >= 7, "{copied}");
+    assert!(copied >= 8, "{copied}");
     // What the manifests name has to be there for a build.
-    for member in ["numerics", "benches", ".cargo"] {
+    for member in ["numerics", "tables", "benches", ".cargo"] {
         assert!(sent.contains(&member), "{member}");
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{read, root};
 use std::fs;
-use stictiond::collect::table::{self, Options, Source};
+use stictiond::table::{self, Options, Source};
 
 const DOCUMENT: &str = "docs/tables.md";
 /// What stands before the line.

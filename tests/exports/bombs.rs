@@ -3,7 +3,7 @@
 use super::archive::archive;
 use super::of_bytes;
 use super::packed::packed;
-use stictiond::collect::table::Options;
+use stictiond::table::Options;
 
 const MAIN: &str = "http://schemas.openxmlformats.org/spreadsheetml/2006/main";
 /// Kinds of relations, and the list of them.

@@ -13,7 +13,7 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::Arc;
-use stictiond::collect::table::{Options, Source, Table, read};
+use stictiond::table::{Options, Source, Table, read};
 
 enum Values {
     Doubles(Vec<f64>),

@@ -2,8 +2,8 @@
 
 use super::dress::BEGIN;
 use super::{bits, example, of_bytes};
-use stictiond::collect::table::{Options, Table};
 use stictiond::signal::Record;
+use stictiond::table::{Options, Table};
 
 /// A row for each sample: the time by a function of seconds since 1970, then OP and PV.
 pub fn rows(record: &Record, separator: char, time: impl Fn(f64) -> String) -> Vec<String> {

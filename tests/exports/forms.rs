@@ -5,9 +5,9 @@ use super::{bits, example, of_bytes};
 use std::collections::HashMap;
 use std::fs;
 use std::path::Path;
-use stictiond::collect::table::Options;
 use stictiond::diagnosis::{Diagnosis, Settings, Verdict, diagnose};
 use stictiond::signal::Record;
+use stictiond::table::Options;
 
 /// Every separator with every decimal sign and every form of times; names and what stands around come in turn, so that in
 /// the end each stands beside each.

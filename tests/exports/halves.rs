@@ -2,7 +2,7 @@
 
 use super::doubts::{read, rows};
 use super::{bits, example};
-use stictiond::collect::table::{Options, Table};
+use stictiond::table::{Options, Table};
 
 fn plain() -> Options {
     Options::default()

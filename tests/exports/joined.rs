@@ -3,7 +3,7 @@
 use super::doubts::{read, rows};
 use super::dress::BEGIN;
 use super::{bits, example, of_bytes};
-use stictiond::collect::table::{Options, Table};
+use stictiond::table::{Options, Table};
 
 /// A moment in jiff's words.
 fn written(format: &str, t: f64) -> String {

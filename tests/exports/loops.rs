@@ -4,8 +4,8 @@ use super::clocks::civil;
 use super::dress::BEGIN;
 use super::{bits, example, of_bytes};
 use std::collections::BTreeMap;
-use stictiond::collect::table::{Options, Source, TableError, stream};
 use stictiond::signal::Record;
+use stictiond::table::{Options, Source, TableError, stream};
 
 fn of_loop(id: &str) -> Options {
     Options { of_loop: Some(id.into()), ..Options::default() }

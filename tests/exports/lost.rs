@@ -4,8 +4,8 @@ use super::clocks::civil;
 use super::doubts::{read, rows};
 use super::dress::BEGIN;
 use super::{bits, example, of_bytes};
-use stictiond::collect::table::{Options, Table};
 use stictiond::signal::Sample;
+use stictiond::table::{Options, Table};
 
 fn iso(t: f64) -> String {
     civil("%Y-%m-%d %H:%M:%S%.3f", t)

@@ -4,8 +4,8 @@
 use super::clocks::civil;
 use super::dress::BEGIN;
 use super::{bits, example, of_bytes};
-use stictiond::collect::table::{Options, Table};
 use stictiond::signal::Record;
+use stictiond::table::{Options, Table};
 
 /// A table of the example in which OP is held from row 300 on; `beside` says what stands in the other columns, before and from then.
 fn held(header: &str, beside: [&str; 2]) -> Vec<u8> {

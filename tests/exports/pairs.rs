@@ -2,8 +2,8 @@
 
 use super::dress::BEGIN;
 use super::{bits, example, of_bytes};
-use stictiond::collect::table::{Options, Table};
 use stictiond::signal::{Record, Sample};
+use stictiond::table::{Options, Table};
 
 /// The example's rows with its PV held back: each third one is missing, as where a historian keeps what has changed.
 fn compressed(example: &Record) -> Record {

@@ -3,7 +3,7 @@
 use super::doubts::{read, rows};
 use super::dress::BEGIN;
 use super::{bits, example};
-use stictiond::collect::table::{Options, Table};
+use stictiond::table::{Options, Table};
 
 fn civil(t: f64) -> String {
     let moment = jiff::Timestamp::from_second(t.floor() as i64).expect("a time of ours");

@@ -2,8 +2,8 @@
 
 use super::dress::BEGIN;
 use super::{bits, example, of_bytes};
-use stictiond::collect::table::{Options, Table};
 use stictiond::signal::Record;
+use stictiond::table::{Options, Table};
 
 /// Whether the PV of row k is bad.
 fn is_bad(k: usize) -> bool {

@@ -8,8 +8,8 @@ use proptest::sample::Index;
 use proptest::test_runner::TestRunner;
 use std::cell::Cell;
 use std::time::{Duration, Instant};
-use stictiond::collect::table::Options;
 use stictiond::signal::{Record, Sample};
+use stictiond::table::Options;
 
 /// Least share that is read of the inputs in which decimals prove the sign. Nearly all are; some may leave another doubt.
 const READ: f64 = 0.8;

@@ -3,8 +3,8 @@
 use super::{bits, example};
 use std::fs;
 use std::path::Path;
-use stictiond::collect::table::{Options, Source, Table, read};
 use stictiond::diagnosis::{Settings, Verdict, diagnose};
+use stictiond::table::{Options, Source, Table, read};
 
 const FOLDER: &str = "../shared/cases/exports";
 

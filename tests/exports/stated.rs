@@ -6,7 +6,7 @@ use super::doubts::{read, rows};
 use super::dress::BEGIN;
 use super::{bits, example, of_bytes};
 use std::fmt::Write as _;
-use stictiond::collect::table::{Options, Table};
+use stictiond::table::{Options, Table};
 
 fn plain() -> Options {
     Options::default()

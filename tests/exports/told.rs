@@ -2,7 +2,7 @@
 
 use super::dress::BEGIN;
 use super::{bits, example, of_bytes};
-use stictiond::collect::table::Options;
+use stictiond::table::Options;
 
 /// Options by their names.
 fn told(pairs: &[(&str, &str)]) -> Options {

@@ -3,8 +3,8 @@
 
 use super::dress::BEGIN;
 use super::{example, of_bytes};
-use stictiond::collect::table::{Options, Source, Table, TableError, stream};
 use stictiond::signal::{Record, Sample};
+use stictiond::table::{Options, Source, Table, TableError, stream};
 
 /// A table of the example, `row` putting number, time, OP and PV into a line.
 fn made(header: &str, row: impl Fn(usize, String, f64, f64) -> String) -> Vec<u8> {

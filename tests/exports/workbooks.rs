@@ -8,8 +8,8 @@ use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::Path;
 use std::process::{Command, Stdio};
-use stictiond::collect::table::Options;
 use stictiond::signal::Record;
+use stictiond::table::Options;
 
 /// Days as spreadsheets count them.
 fn serial(t: f64) -> f64 {

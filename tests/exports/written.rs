@@ -9,8 +9,8 @@ use std::fmt::Write;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use stictiond::collect::table::{Options, Source, read};
 use stictiond::signal::{Record, Sample};
+use stictiond::table::{Options, Source, read};
 
 /// What a type holds of a value.
 #[derive(Clone, Copy)]

@@ -1,13 +1,13 @@
 //! What a store promises, wherever it is.
 
 use crate::place::{Place, all, all_of, batch, good, tag, whole};
-use stictiond::collect::table::{Options, Source, TableError, stream};
 use stictiond::signal::{BadReason, Quality, Sample};
 use stictiond::store::archive::{self, Choice, Format, Kind};
 use stictiond::store::{
     AlarmRow, Batch, Config, DiagnosisRow, ModelRow, Point, Row, Series, Store, StoreError, TagName,
     TransitionRow, pack, unpack,
 };
+use stictiond::table::{Options, Source, TableError, stream};
 
 const DAY_S: f64 = 86_400.0;
 

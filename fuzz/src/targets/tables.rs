@@ -4,7 +4,7 @@ use super::archive::{Part, archive, of_parts};
 use super::scratch;
 use std::path::PathBuf;
 use std::sync::OnceLock;
-use stictiond::collect::table::{Options, Source, TableError, read, stream};
+use stictiond::table::{Options, Source, TableError, read, stream};
 
 /// What a table that leaves doubts may be told.
 fn told() -> &'static [Options; 4] {

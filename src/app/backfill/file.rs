@@ -1,9 +1,9 @@
 //! A table of samples in the folder of `[tables]`, and nowhere else.
 
 use super::MOST_SAMPLES;
-use crate::collect::table::{self, Config, Options, Source};
 use crate::serve::{BackfillFile, BackfillRefusal, BackfillRequest};
 use crate::signal::{LoopId, Sample};
+use crate::table::{self, Config, Options, Source};
 use std::path::{Component, Path, PathBuf};
 
 /// A file that may be read, and what is told of it.

@@ -1,11 +1,11 @@
 //! Recorded samples in the order of their stamps.
 
 use super::ReplayError;
-use crate::collect::table::{self, Found, Options, Source, TableError};
 use crate::history::{History, LoopTags};
 use crate::results::basis;
 use crate::signal::{Record, Sample};
 use crate::store::{self, Reader};
+use crate::table::{self, Found, Options, Source, TableError};
 use std::collections::HashMap;
 use std::path::Path;
 

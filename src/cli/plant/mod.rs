@@ -9,7 +9,6 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 use stictiond::app::{App, friction_of};
-use stictiond::collect::table::Table;
 use stictiond::diagnosis::Settings;
 use stictiond::plantwide::cause::period;
 use stictiond::plantwide::window::of_record;
@@ -17,6 +16,7 @@ use stictiond::plantwide::{Analysis, Friction, PlantLoop, Task, analyse, tasks};
 use stictiond::results::words::percent;
 use stictiond::results::{Outcome, Run, Trigger};
 use stictiond::signal::{LoopId, Record};
+use stictiond::table::Table;
 
 /// Most records of a folder.
 const MOST: usize = 20_000;

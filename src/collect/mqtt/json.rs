@@ -1,9 +1,10 @@
 //! Values, times and qualities out of JSON and plain numbers. Pure; what cannot be read is refused, never guessed.
 
 use super::config::TimeUnit;
+use crate::collect::DecimalSign;
 use crate::collect::text_value::{self, TextFault};
-use crate::collect::{DecimalSign, table::number::bare};
 use crate::signal::{BadReason, Quality};
+use crate::table::number::bare;
 use serde_json::Value;
 use std::fmt;
 

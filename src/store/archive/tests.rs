@@ -1,8 +1,8 @@
 use super::super::embedded::tests::Folder;
 use super::*;
-use crate::collect::table::{Options, Source, TableError, stream};
 use crate::signal::Quality;
 use crate::store::{Config, DiagnosisRow, Row, Store, TransitionRow, pack};
+use crate::table::{Options, Source, TableError, stream};
 use proptest::prelude::*;
 
 /// Two loops, some bad samples, numbers that a careless writer rounds.

@@ -291,7 +291,7 @@ fn name(held: &[u8]) -> Option<(usize, &[u8])> {
 }
 
 #[cfg(test)]
-#[path = "../../../../tests/exports/xlsb_records.rs"]
+#[path = "../../../tests/exports/xlsb_records.rs"]
 mod records;
 
 #[cfg(test)]

@@ -2,8 +2,8 @@
 
 use super::limits::{GROWING, Weight, heap};
 use super::{Held, MAX_COLUMNS, Row, Sheet};
-use crate::collect::table::error::TableError;
 use crate::signal::Sample;
+use crate::table::error::TableError;
 
 /// Bytes of a cell, and of a row in a list that grows.
 const CELL: u64 = size_of::<Held>() as u64;

@@ -6,7 +6,7 @@ use super::fields::{u16_at, u32_at};
 use super::limits::{self, GROWING, TEXT, Weight, heap};
 use super::shared_texts::texts;
 use super::tokens::{Written, written};
-use crate::collect::table::error::TableError;
+use crate::table::error::TableError;
 use calamine::{Cell, Data, Dimensions};
 use encoding_rs::UTF_16LE;
 

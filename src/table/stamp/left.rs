@@ -1,7 +1,7 @@
 //! A cell cut into numbers, words and signs, and the parts of a stamp taken from their front one by one.
 
 use super::{DAY, Date, SECOND, century};
-use crate::collect::table::calendar::{
+use crate::table::calendar::{
     half, half_before, is_ambiguous, is_filler, is_of_date, is_weekday, month, zone,
 };
 

@@ -4,7 +4,7 @@
 use super::biff;
 use super::fields::{u16_at, u32_at};
 use super::limits::{GROWING, Weight};
-use crate::collect::table::error::TableError;
+use crate::table::error::TableError;
 use encoding_rs::UTF_16LE;
 
 /// Numbers of sectors from which on there is no sector; that of the end of a chain; and from which on the list of tables has none.

@@ -24,7 +24,7 @@ pub enum Decimal {
 
 impl Decimal {
     /// As it is written.
-    pub fn sign(self) -> u8 {
+    pub(super) fn sign(self) -> u8 {
         match self {
             Decimal::Point => b'.',
             Decimal::Comma => b',',
@@ -32,7 +32,7 @@ impl Decimal {
     }
 
     /// As it is told.
-    pub fn name(self) -> &'static str {
+    pub(super) fn name(self) -> &'static str {
         match self {
             Decimal::Point => "decimal point",
             Decimal::Comma => "decimal comma",
@@ -212,7 +212,7 @@ fn form(text: &str) -> Option<Form> {
 }
 
 /// What stands behind the digits of a cell and makes it no number: `*` of `51.8*`. Dates and addresses have digits behind it, too.
-pub fn mark(cell: &str) -> Option<&str> {
+pub(super) fn mark(cell: &str) -> Option<&str> {
     let cell = bare(cell);
     let signed = cell.trim_start_matches(['+', '-', '\u{2212}']);
     let (digits, mark) = signed.split_at(digits_end(signed));
@@ -223,12 +223,12 @@ pub fn mark(cell: &str) -> Option<&str> {
 
 impl<'a> Number<'a> {
     /// The same number with something else behind it.
-    pub fn with_unit(self, unit: &'a str) -> Self {
+    pub(super) fn with_unit(self, unit: &'a str) -> Self {
         Self { unit, ..self }
     }
 
     /// Whether it is written with one.
-    pub fn has_exponent(&self) -> bool {
+    pub(super) fn has_exponent(&self) -> bool {
         self.text.contains(['e', 'E', 'd', 'D'])
     }
 

@@ -4,8 +4,8 @@
 use super::limits::{self, GROWING, TEXT, Weight};
 use super::tags::{Tag, Tags, attributes, local, number};
 use super::{content, ole, xlsb};
-use crate::collect::table::error::TableError;
-use crate::collect::table::kinds;
+use crate::table::error::TableError;
+use crate::table::kinds;
 use calamine::Style;
 use std::io::{self, BufRead, BufReader, Cursor};
 

@@ -15,7 +15,7 @@ pub enum TableError {
 
 impl TableError {
     /// A refusal in words.
-    pub fn refused(what: impl Into<String>) -> Self {
+    pub(super) fn refused(what: impl Into<String>) -> Self {
         Self::Refused(what.into())
     }
 }

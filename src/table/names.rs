@@ -18,7 +18,7 @@ pub enum Meaning {
 
 impl Meaning {
     /// As options and messages name it.
-    pub fn as_str(self) -> &'static str {
+    pub(super) fn as_str(self) -> &'static str {
         match self {
             Meaning::Time => "t",
             Meaning::Role(role) => role.as_str(),
@@ -36,7 +36,7 @@ const UNITS: &[&str] = &[
 ];
 
 /// Longest name that is taken apart (bytes): a longer one is prose, and takes time with the square of its length.
-pub const LONGEST: usize = 512;
+pub(super) const LONGEST: usize = 512;
 
 /// Units in which a gas is measured.
 const GASES: [&str; 7] = ["ppm", "ppmv", "ppb", "mg/m3", "mg/nm3", "vol%", "vol.-%"];
@@ -48,11 +48,11 @@ const ZONES: [&str; 5] = ["utc", "gmt", "local", "-", ""];
 #[derive(Clone, Debug)]
 pub struct Name {
     /// As it is written, without blanks around it.
-    pub full: String,
+    pub(super) full: String,
     /// Without its unit, in small letters, one blank for each sign that divides words.
     plain: String,
     /// The unit that stands in it.
-    pub unit: Option<String>,
+    pub(super) unit: Option<String>,
     /// What it says, once somebody has asked: many ask, and each name takes long.
     said: OnceLock<Option<Said>>,
 }
@@ -82,7 +82,7 @@ impl Name {
     }
 
     /// Whether somebody who writes `wanted` means this column; its unit may be left out.
-    pub fn is(&self, wanted: &str) -> bool {
+    pub(super) fn is(&self, wanted: &str) -> bool {
         let wanted = wanted.trim();
         self.full.eq_ignore_ascii_case(wanted) || !self.plain.is_empty() && self.plain == plain(wanted)
     }
@@ -196,7 +196,7 @@ impl Name {
     }
 
     /// The name of OP, PV and the like before the letter of a loop, and that letter: `FIC101.OP` and `B` of `FIC101.OP_B`.
-    pub fn lettered(&self) -> Option<(Name, String)> {
+    pub(super) fn lettered(&self) -> Option<(Name, String)> {
         self.before_letter().map(|(name, _, letter)| (name, letter))
     }
 
@@ -238,18 +238,18 @@ impl Name {
     }
 
     /// The unit of times in this column: `Time [min]`, and `Minutes`.
-    pub fn unit_of_time(&self) -> Option<String> {
+    pub(super) fn unit_of_time(&self) -> Option<String> {
         let by_name = || Unit::of(&self.plain).map(|_| self.plain.clone());
         self.unit.clone().or_else(by_name)
     }
 
     /// As it is written, without its unit.
-    pub fn path(&self) -> String {
+    pub(super) fn path(&self) -> String {
         split_unit(self.bare()).0.to_string()
     }
 
     /// What stands in brackets behind it, a unit or anything else; a unit without brackets counts as well.
-    pub fn brackets(&self) -> &str {
+    pub(super) fn brackets(&self) -> &str {
         split_unit(self.bare()).1.unwrap_or_default()
     }
 
@@ -258,27 +258,27 @@ impl Name {
     }
 
     /// Whether it is a date without a time of day, and a time of day without a date.
-    pub fn is_date(&self) -> bool {
+    pub(super) fn is_date(&self) -> bool {
         DATES.contains(&self.plain.as_str())
     }
 
     /// See [`Self::is_date`].
-    pub fn is_clock(&self) -> bool {
+    pub(super) fn is_clock(&self) -> bool {
         CLOCKS.contains(&self.plain.as_str())
     }
 
     /// Whether there is a name at all; pandas calls an index without one `Unnamed: 0`.
-    pub fn is_none(&self) -> bool {
+    pub(super) fn is_none(&self) -> bool {
         self.plain.is_empty() || self.plain.starts_with("unnamed")
     }
 
     /// Whether its cells may name the loop of their row, where OP and PV have columns of their own.
-    pub fn is_owner(&self) -> bool {
+    pub(super) fn is_owner(&self) -> bool {
         OWNERS.contains(&self.plain.as_str())
     }
 
     /// In small letters without its unit.
-    pub fn plain(&self) -> &str {
+    pub(super) fn plain(&self) -> &str {
         &self.plain
     }
 }
@@ -287,7 +287,7 @@ impl Name {
 const PATH: [char; 8] = ['.', '/', '\\', ':', '|', '!', '>', '#'];
 
 /// In small letters, one blank for each sign that divides words.
-pub fn plain(name: &str) -> String {
+pub(super) fn plain(name: &str) -> String {
     let mut out = String::with_capacity(name.len());
     for c in name.chars().flat_map(char::to_lowercase) {
         if c.is_alphanumeric() || matches!(c, '%' | '°') {
@@ -360,7 +360,7 @@ fn is_input(block: &str) -> bool {
 
 /// The tag of a controller (ISA-5.1: letters that end with C, and a number) that the path of a name ends with, but for its blocks:
 /// `fic101` of `unit1 fic 101 pida`. Transmitters and valves have other letters, and belong to a controller of another name.
-pub fn controller(path: &str) -> Option<String> {
+pub(super) fn controller(path: &str) -> Option<String> {
     let words: Vec<&str> = path.split(' ').collect();
     let letters = |word: &str| word.bytes().take_while(u8::is_ascii_lowercase).count();
     let is_tag = |tag: &str| {
@@ -382,7 +382,7 @@ fn whole(name: &str) -> Option<Meaning> {
 }
 
 /// Whether a text is a unit by itself, in brackets or not: a cell of a row of units.
-pub fn as_unit(cell: &str) -> Option<&str> {
+pub(super) fn as_unit(cell: &str) -> Option<&str> {
     let cell = super::number::bare(cell);
     let inner = [('[', ']'), ('(', ')')]
         .iter()

@@ -151,7 +151,7 @@ pub enum Format {
 
 impl Options {
     /// The column that is told for a role.
-    pub fn column(&self, role: &str) -> Option<&str> {
+    pub(super) fn column(&self, role: &str) -> Option<&str> {
         match role {
             "t" => &self.time,
             "op" => &self.op,
