@@ -2,6 +2,7 @@ use super::*;
 use crate::alarm::{Action, AlarmId, Kind, Priority, Shelving, State};
 use crate::diagnosis::{Estimate, Model, NotIdentifiable, Settings};
 use crate::signal::Record;
+use crate::sysid::valve::model_error::with_model_error;
 use std::sync::Mutex;
 
 mod away;
@@ -14,7 +15,7 @@ pub(super) fn diagnosis(verdict: Verdict, f: f64, delta_aic: f64) -> Box<Judged>
     let model = Model { na: 1, nb: 1, nc: 1, nk: 1, a: vec![0.0], b: vec![0.0], c: vec![0.0], rmse: 1.0 };
     let estimate = Estimate {
         f,
-        f_ci95: [f - 0.1, f + 0.1],
+        f_ci95: with_model_error(f, [f - 0.1, f + 0.1]),
         f_of_op_range: 0.1,
         delta_aic,
         rival: crate::diagnosis::rivals::Rival::Linear,
