@@ -229,6 +229,18 @@ fn excel() {
     let long = format!("<si><t>{}</t></si>", "x".repeat(8000));
     let sharing = of_excel(&long, &of_rows("<c t=\"s\"><v>0</v></c>"));
     holds(".xlsx, cells that share a long text", &packed_parts(&sharing), None);
+    // Numbers of many digits in column T, with blank cells before them.
+    let far = |row: u32| {
+        let digits = row.wrapping_mul(2_654_435_761);
+        let number = format!("{}.{:06}", digits % 1000, digits / 1000 % 1_000_000);
+        format!("<row>{}<c r=\"T{}\"><v>{number}</v></c></row>", cells(row), row + 2)
+    };
+    let mut sparse = of_excel("", &(0..ROWS).map(far).collect::<String>());
+    for (_, text) in &mut sparse {
+        let name = "<c r=\"T1\" t=\"inlineStr\"><is><t>remark</t></is></c></row>";
+        *text = text.replacen("</row>", name, 1);
+    }
+    holds(".xlsx, blank cells before column T", &packed_parts(&sparse), Some(ROWS));
     // A cell in the last column that is read.
     let far = |row: u32| format!("<row><c r=\"FAN{row}\"><v>1</v></c></row>");
     let wide = of_excel("", &(rows + &(ROWS + 2..ROWS + 302).map(far).collect::<String>()));

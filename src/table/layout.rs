@@ -21,7 +21,7 @@ pub const PREAMBLE: usize = 200;
 /// Rows between the header and the first sample: units, descriptions, limits.
 const BELOW: usize = 4;
 /// Rows looked at.
-const LOOKED_AT: usize = 400;
+pub const LOOKED_AT: usize = 400;
 
 /// A cell of the first rows.
 #[derive(Clone, Debug)]

@@ -116,12 +116,7 @@ impl ZoneColumn {
         if *first == own || layout.names[at].plain() == "tz" && number::scan(&own).is_some() {
             return Ok(());
         }
-        let is_open = match rows.cell(layout.time) {
-            Cell::Text(text) => stamp::scan(text).is_some_and(|own| own.has_date() && own.offset.is_none()),
-            Cell::Moment { base, .. } => base != TimeBase::Utc,
-            _ => false,
-        };
-        if !is_open {
+        if !is_open(&rows.cell(layout.time)) {
             return Ok(());
         }
         Err(TableError::refused(format!(
@@ -136,9 +131,27 @@ impl ZoneColumn {
     }
 }
 
+/// Whether a zone that is stated beside a time moves it.
+fn is_open(time: &Cell<'_>) -> bool {
+    match time {
+        Cell::Text(text) => stamp::scan(text).is_some_and(|own| own.has_date() && own.offset.is_none()),
+        // INT96 is moved by a zone that somebody tells, and by no other.
+        Cell::Moment { base, .. } => *base == TimeBase::Civil,
+        _ => false,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_zone_beside_times_moves_those_without_an_offset_alone() {
+        let moment = |base| is_open(&Cell::Moment { ns: 0, base });
+        assert!(moment(TimeBase::Civil) && !moment(TimeBase::Utc) && !moment(TimeBase::Int96));
+        assert!(is_open(&Cell::Text("2026-06-01 06:00:00")));
+        assert!(!is_open(&Cell::Text("2026-06-01T06:00:00+02:00")) && !is_open(&Cell::Number(1.0)));
+    }
 
     #[test]
     fn lines_above_the_header_state_a_zone() {

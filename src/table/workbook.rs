@@ -7,6 +7,7 @@ mod filling;
 mod guard;
 mod limits;
 mod ole;
+mod opened;
 mod shared_texts;
 mod tags;
 mod tokens;
@@ -21,6 +22,7 @@ use super::stamp::DAY;
 use calamine::{Data, DataRef, ExcelDateTime, Ods, Reader, Sheets, Xls, Xlsb, Xlsx, open_workbook_from_rs};
 use filling::Filling;
 use limits::Weight;
+use opened::{Kind, PART_OF_EXCEL, PART_OF_OPEN_DOCUMENT};
 use std::fmt::Display;
 use std::io::{Cursor, Read};
 use std::panic::catch_unwind;
@@ -79,9 +81,10 @@ fn read_bytes(bytes: Vec<u8>, wanted: Option<&str>, of_record: bool) -> Result<S
     let bytes: Arc<[u8]> = bytes.into();
     let parts = parts(bytes.clone());
     archive(&parts)?;
-    let mut weight = guard::look(&bytes)?;
+    let kind = Kind::of(&parts);
+    let mut weight = guard::look(&bytes, kind)?;
     let since_1904 = is_since_1904(bytes.clone());
-    let book = open(bytes, &parts)?;
+    let book = open(bytes, kind, !parts.is_empty())?;
     Ok(Sheet { since_1904, ..choose(book, wanted, of_record, &mut weight)? })
 }
 
@@ -90,10 +93,6 @@ fn parts(bytes: Arc<[u8]>) -> Vec<String> {
     let Ok(archive) = zip::ZipArchive::new(Cursor::new(bytes)) else { return Vec::new() };
     archive.file_names().flatten().map(|name| name.into_owned()).collect()
 }
-
-/// What is in every workbook of Excel that is an archive, and in every one of OpenDocument.
-const PART_OF_EXCEL: &str = "[Content_Types].xml";
-const PART_OF_OPEN_DOCUMENT: &str = "content.xml";
 
 /// Refuses an archive of files that is no workbook, by what is in it.
 fn archive(parts: &[String]) -> Result<(), TableError> {
@@ -105,9 +104,9 @@ fn archive(parts: &[String]) -> Result<(), TableError> {
     Err(TableError::refused(format!("a ZIP archive, no table: it holds {names}; unpack it first")))
 }
 
-/// Opens a workbook as what its parts make it. The library would try one kind after the other, and take for one what was looked at
-/// as another.
-fn open(bytes: Arc<[u8]>, parts: &[String]) -> Result<Book, TableError> {
+/// Opens a workbook as the kind that it was looked at as: the library would try one after the other. `is_archive` is whether an archive
+/// stands in it.
+fn open(bytes: Arc<[u8]>, kind: Kind, is_archive: bool) -> Result<Book, TableError> {
     let failed =
         |error: &dyn Display| TableError::refused(format!("a workbook that cannot be read: {error}"));
     let is_old = bytes.starts_with(kinds::OLE);
@@ -115,18 +114,21 @@ fn open(bytes: Arc<[u8]>, parts: &[String]) -> Result<Book, TableError> {
     if is_old {
         match open_workbook_from_rs::<Xls<_>, _>(from.clone()) {
             Ok(book) => return Ok(Sheets::Xls(book)),
-            Err(error) if parts.is_empty() => return Err(failed(&error)),
+            Err(error) if !is_archive => return Err(failed(&error)),
             // An archive stands behind it.
             Err(_) => {}
         }
     }
-    let has = |own: &str| parts.iter().any(|name| name == own);
-    Ok(if parts.iter().any(|name| guard::small(name) == xlsb::BOOK) {
-        Sheets::Xlsb(open_workbook_from_rs::<Xlsb<_>, _>(from).map_err(|error| failed(&error))?)
-    } else if has(PART_OF_OPEN_DOCUMENT) && !has(PART_OF_EXCEL) {
-        Sheets::Ods(open_workbook_from_rs::<Ods<_>, _>(from).map_err(|error| failed(&error))?)
-    } else {
-        Sheets::Xlsx(open_workbook_from_rs::<Xlsx<_>, _>(from).map_err(|error| failed(&error))?)
+    Ok(match kind {
+        Kind::Binary => {
+            Sheets::Xlsb(open_workbook_from_rs::<Xlsb<_>, _>(from).map_err(|error| failed(&error))?)
+        }
+        Kind::OpenDocument => {
+            Sheets::Ods(open_workbook_from_rs::<Ods<_>, _>(from).map_err(|error| failed(&error))?)
+        }
+        Kind::Excel => {
+            Sheets::Xlsx(open_workbook_from_rs::<Xlsx<_>, _>(from).map_err(|error| failed(&error))?)
+        }
     })
 }
 

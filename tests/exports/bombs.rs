@@ -71,6 +71,18 @@ pub fn excel(styles: &str, told: &str) -> Vec<u8> {
     archive(&files)
 }
 
+/// The same, compressed, with these names of cells and one more part.
+fn packed_excel(styles: &str, names: &str, more: (&str, &[u8])) -> Vec<u8> {
+    let names = format!("</sheets><definedNames>{names}</definedNames>");
+    let mut parts = parts(styles, "");
+    parts.push(("xl/sharedStrings.xml", texts("")));
+    for (_, text) in &mut parts {
+        *text = text.replace("</sheets>", &names);
+    }
+    let parts = parts.iter().map(|(name, text)| (*name, text.as_bytes()));
+    packed(&parts.chain([more]).collect::<Vec<_>>())
+}
+
 #[test]
 fn more_shared_texts_than_bytes_are_refused_before_there_is_room_for_them() {
     // Some programs tell too many, and no room is made for the count of all cells.
@@ -87,15 +99,67 @@ fn more_shared_texts_than_bytes_are_refused_before_there_is_room_for_them() {
     }
 }
 
+/// A format of so many characters, and a list of so many formats of cells with it.
+fn formats(long: usize, list: &str, many: usize) -> String {
+    let number = format!("<numFmt numFmtId=\"200\" formatCode=\"{}\"/>", "0".repeat(long));
+    format!("<numFmts>{number}</numFmts><{list}>{}</{list}>", "<xf numFmtId=\"200\"/>".repeat(many))
+}
+
 #[test]
 fn a_long_format_that_many_cells_might_have_is_refused() {
-    let formats = |long: usize, many: usize| {
-        let number = format!("<numFmt numFmtId=\"200\" formatCode=\"{}\"/>", "0".repeat(long));
-        format!("<numFmts>{number}</numFmts><cellXfs>{}</cellXfs>", "<xf numFmtId=\"200\"/>".repeat(many))
-    };
     // Excel has no longer one.
-    is_sound(&excel(&formats(255, 2_000), ""));
-    is_refused(&excel(&formats(100_000, 20_000), ""), "up to its \"xl/styles.xml\"");
+    is_sound(&excel(&formats(255, "cellXfs", 2_000), ""));
+    is_refused(&excel(&formats(100_000, "cellXfs", 20_000), ""), "up to its \"xl/styles.xml\"");
+}
+
+#[test]
+fn styles_and_names_of_cells_that_gathered_over_years_are_read() {
+    let small = |book: Vec<u8>| {
+        assert!(book.len() < 250_000, "{} bytes, which may take more than the least", book.len());
+        book
+    };
+    let none = ("docProps/app.xml", &b"<Properties/>"[..]);
+    // No cell has them.
+    let styles = formats(255, "cellStyleXfs", 16_000) + "<cellXfs><xf numFmtId=\"0\"/></cellXfs>";
+    is_sound(&small(packed_excel(&styles, "", none)));
+    let name = |at: u32| format!("<definedName name=\"Trend_{at}\">S!$A$1:$C$4</definedName>");
+    let names: String = (0..16_000).map(name).collect();
+    is_sound(&small(packed_excel("", &names, none)));
+}
+
+#[test]
+fn parts_that_are_not_opened_may_have_any_form() {
+    // As Power Pivot keeps its model, in UTF-16.
+    let model = format!("\u{feff}<Gemini>{}</Gemini>", "<a>b</a>".repeat(400));
+    let model: Vec<u8> = model.encode_utf16().flat_map(u16::to_le_bytes).collect();
+    is_sound(&packed_excel("", "", ("customXml/item1.xml", &model)));
+    is_refused(&packed_excel("", "", ("xl/theme/theme1.xml", &model)), "nested deeper");
+    // As LibreOffice lists macros, and OpenOffice began its manifest.
+    let of_manifest = "manifest:manifest PUBLIC \"-//OpenOffice.org//DTD Manifest 1.0//EN\" \"Manifest.dtd\"";
+    let of_macros =
+        "library:libraries PUBLIC \"-//OpenOffice.org//DTD OfficeDocument 1.0//EN\" \"libraries.dtd\"";
+    let document = |of_manifest: &str, of_macros: &str| {
+        let macros = format!("<!DOCTYPE {of_macros}><library:libraries/>");
+        let more = [("Basic/script-lc.xml", macros.as_str())];
+        open_document_beside(&open_rows(""), END, &format!("<!DOCTYPE {of_manifest}>"), &more)
+    };
+    let declared = |doctype: &str| format!("{doctype} [<!ENTITY a \"b\">]");
+    is_sound(&document(of_manifest, of_macros));
+    is_sound(&document(of_manifest, &declared(of_macros)));
+    is_refused(&document(&declared(of_manifest), of_macros), "it has a DOCTYPE with declarations in it");
+}
+
+#[test]
+fn parts_are_looked_at_in_the_folder_that_the_workbook_lies_in() {
+    let moved = |styles: &str| {
+        let parts = parts(styles, "").into_iter().chain([("xl/sharedStrings.xml", texts(""))]);
+        let parts: Vec<(String, String)> = parts
+            .map(|(name, text)| (name.replace("xl/", "book/"), text.replace("xl/workbook", "/Book/workbook")))
+            .collect();
+        archive(&parts.iter().map(|(name, text)| (name.as_str(), text.as_str())).collect::<Vec<_>>())
+    };
+    is_sound(&moved(""));
+    is_refused(&moved(&formats(100_000, "cellXfs", 20_000)), "up to its \"book/styles.xml\"");
 }
 
 #[test]
@@ -113,18 +177,24 @@ fn a_workbook_that_unpacks_to_a_thousand_times_its_bytes_is_refused() {
 
 /// A workbook of OpenDocument with one table of these rows; `end` is what ends it.
 fn open_document(rows: &str, end: &str) -> Vec<u8> {
+    open_document_beside(rows, end, "", &[])
+}
+
+/// The same, with what stands before its manifest, and with more parts.
+fn open_document_beside(rows: &str, end: &str, doctype: &str, more: &[(&str, &str)]) -> Vec<u8> {
     let names =
         ["office", "table", "text"].map(|name| format!(" xmlns:{name}=\"{OPEN}:{name}:1.0\"")).concat();
     let content = format!(
         "<office:document-content{names}><office:body><office:spreadsheet><table:table table:name=\"S\">{rows}{end}\
          </office:spreadsheet></office:body></office:document-content>"
     );
-    let manifest = format!("<manifest:manifest xmlns:manifest=\"{OPEN}:manifest:1.0\"/>");
-    archive(&[
+    let manifest = format!("{doctype}<manifest:manifest xmlns:manifest=\"{OPEN}:manifest:1.0\"/>");
+    let parts = [
         ("mimetype", "application/vnd.oasis.opendocument.spreadsheet"),
-        ("META-INF/manifest.xml", &manifest),
-        ("content.xml", &content),
-    ])
+        ("META-INF/manifest.xml", manifest.as_str()),
+        ("content.xml", content.as_str()),
+    ];
+    archive(&[&parts[..], more].concat())
 }
 
 const END: &str = "</table:table>";

@@ -198,6 +198,38 @@ fn stamps_of_impala_are_those_of_the_zone_that_is_told() {
 }
 
 #[test]
+fn a_zone_beside_stamps_of_spark_does_not_move_them() {
+    let stamps = [21_600_000_000_000_u64, 21_602_000_000_000].map(|ns| {
+        let mut stamp = Int96::new();
+        stamp.set_data(ns as u32, (ns >> 32) as u32, 2_461_193);
+        stamp
+    });
+    for (name, zones) in [
+        ("timezone", ["Europe/Berlin", "Europe/Berlin"]),
+        ("timezone", ["+02:00", "+02:00"]),
+        ("utcoffset", ["+02:00", "+01:00"]),
+    ] {
+        let path = file(
+            "spark-zone",
+            Compression::SNAPPY,
+            &format!(
+                "required int96 time; required double op; required double pv; required binary {name} (STRING);"
+            ),
+            &[
+                Values::Int96(stamps.to_vec()),
+                Values::Doubles(vec![1.0, 2.0]),
+                Values::Doubles(vec![1.0, 3.0]),
+                Values::Texts(zones.map(str::to_string).to_vec()),
+            ],
+        );
+        let found = table(&path, &Options::default()).expect("a record");
+        assert_eq!(found.record.op[0].t, 1_780_293_600.0, "{name} {zones:?}");
+        let said = found.found.read_as;
+        assert!(said.starts_with("Parquet, time as stamps (INT96, UTC; --tz decides)"), "{said}");
+    }
+}
+
+#[test]
 fn stamps_that_say_utc_are_of_no_other_zone() {
     let path = file(
         "utc",

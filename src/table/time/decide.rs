@@ -144,6 +144,10 @@ impl Times {
     /// # Errors
     /// Letters or words that do not say whose zone it is, where times have no offset.
     fn stated_zone(&self, column: &Column<'_>) -> Result<Option<Zone>, TableError> {
+        // INT96 is UTC where nobody tells its zone: Spark writes it beside a column with the zone of the plant.
+        if self.base == Some(TimeBase::Int96) {
+            return Ok(None);
+        }
         let own = column.unit.and_then(HeaderZone::behind_times);
         let beside = column.zone.filter(|_| own.is_none() && !column.unit.is_some_and(HeaderZone::is_utc));
         let days = |numbers: &Numbers| numbers.serial.max(numbers.date_num) * 2 > self.rows;

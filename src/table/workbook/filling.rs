@@ -4,6 +4,7 @@ use super::limits::{GROWING, Weight, heap};
 use super::{Held, MAX_COLUMNS, Row, Sheet};
 use crate::signal::Sample;
 use crate::table::error::TableError;
+use crate::table::layout::LOOKED_AT;
 
 /// Bytes of a cell, and of a row in a list that grows.
 const CELL: u64 = size_of::<Held>() as u64;
@@ -38,11 +39,16 @@ impl<'f> Filling<'f> {
             return Ok(());
         }
         let (line, at) = (u64::from(row) + 1, column as usize);
-        if self.rows.last().is_none_or(|(last, _)| *last != line) {
+        let is_new = self.rows.last().is_none_or(|(last, _)| *last != line);
+        // Blank cells are looked at in the first rows; below them no sample is made of one.
+        let is_looked_at = self.rows.len() + usize::from(is_new) <= LOOKED_AT;
+        let (made_of_room, made_of_cell) = if is_looked_at { (MADE, 0) } else { (0, MADE) };
+        if is_new {
             // Most rows are as long as the one before.
             let len = self.rows.last().map_or(0, |(_, cells)| cells.len()).max(at + 1);
             let cells = Vec::with_capacity(len);
-            self.weight.keep(ROW + CELL * cells.capacity() as u64, MADE * cells.capacity() as u64);
+            let room = cells.capacity() as u64;
+            self.weight.keep(ROW + CELL * room, made_of_room * room);
             self.rows.push((line, cells));
         }
         let Some((_, cells)) = self.rows.last_mut() else { return Ok(()) };
@@ -55,7 +61,7 @@ impl<'f> Filling<'f> {
             _ => (0, 0),
         };
         cells[at] = held;
-        self.weight.keep(CELL * more + text, MADE * more + shown);
+        self.weight.keep(CELL * more + text, made_of_room * more + made_of_cell + shown);
         let Some(over) = self.weight.over() else { return Ok(()) };
         let name = self.name;
         Err(TableError::refused(format!(
@@ -82,7 +88,7 @@ mod tests {
 
     #[test]
     fn the_sheets_of_a_workbook_share_its_memory() {
-        // Cells of a row before one in the last column are blank: each row takes 4096 cells of 24 + 72 bytes.
+        // Cells of a row before one in the last column are blank: each of the first rows takes 4096 cells of 24 + 72 bytes.
         let mut weight = Weight::of(0);
         let mut first = Filling::new("first", &mut weight);
         (0..30).try_for_each(|row| first.put((row, MAX_COLUMNS - 1), Held::Number(1.0))).expect("12 MB");
@@ -104,6 +110,8 @@ mod tests {
         // 24 and 96 bytes for the cell and its row, and 72 for the sample: 192 in all.
         assert!((83_000..84_000).contains(&count(&Held::Number(50.5))));
         assert!(count(&Held::Number(0.0)) > 83_000);
+        // Of the blank cells before it nothing is made but in the 400 first rows: 648 bytes, and 19 times 72 more in those.
+        assert!((23_000..24_000).contains(&filled(&mut Weight::of(0), 19, &Held::Number(50.5)).0));
         // A text is there once more when it is looked at, and a number may be written with hundreds of digits.
         let text = Held::Text("x".repeat(100_000).into());
         assert!((79..81).contains(&count(&text)));

@@ -2,7 +2,8 @@
 //! a cell is there, how long a record is. Where memory cannot be had the process ends, and every loop that it watches with it.
 
 use super::limits::{self, GROWING, TEXT, Weight};
-use super::tags::{Tag, Tags, attributes, local, number};
+use super::opened::{Archive, Kind, PART_OF_OPEN_DOCUMENT, relation, small};
+use super::tags::{Tag, Tags, local, number};
 use super::{content, ole, xlsb};
 use crate::table::error::TableError;
 use crate::table::kinds;
@@ -20,38 +21,41 @@ const OF_A_NAME: u64 = 8;
 /// grows.
 const BUFFERS: u64 = 2 * GROWING;
 
-/// What a workbook would take at most to be read, but for the sheets as they are kept.
+/// What a workbook of a kind would take at most to be read, but for the sheets as they are kept.
 ///
 /// # Errors
 /// A workbook that would take more than one of its bytes may.
-pub fn look(bytes: &[u8]) -> Result<Weight, TableError> {
+pub fn look(bytes: &[u8], kind: Kind) -> Result<Weight, TableError> {
     let mut weight = Weight::of(bytes.len() as u64);
     if bytes.starts_with(kinds::OLE) {
         // An archive may stand behind it, which is opened where there is no workbook in it.
         ole::look(bytes, &mut weight)?;
     }
     // What cannot be opened here cannot be opened there.
-    let Ok(mut archive) = zip::ZipArchive::new(Cursor::new(bytes)) else { return Ok(weight) };
-    let is_binary = archive.file_names().flatten().any(|name| small(&name) == xlsb::BOOK);
+    let Ok(mut archive) = Archive::new(Cursor::new(bytes)) else { return Ok(weight) };
     for name in archive.file_names_raw() {
         weight.library(PART + OF_A_NAME * name.len() as u64);
     }
-    let (most, mut unpacked) = (limits::bytes(weight.own()), 0u64);
+    let most = limits::bytes(weight.own());
+    // No part gives more than it says here: reading it ends with an error.
+    let sizes = (0..archive.len()).filter_map(|at| archive.by_index(at).ok().map(|part| part.size()));
+    if sizes.fold(0, u64::saturating_add) > most {
+        return Err(TableError::refused(format!(
+            "a workbook that unpacks to more than {most} bytes, from {}: save the columns that are needed as CSV",
+            bytes.len()
+        )));
+    }
+    let opened = kind.opened(&mut archive, most);
     for at in 0..archive.len() {
         let Ok(part) = archive.by_index(at) else { continue };
         let Ok(name) = part.name().map(|name| name.into_owned()) else { continue };
-        // No part gives more than it says here: reading it ends with an error.
-        unpacked = unpacked.saturating_add(part.size());
-        if unpacked > most {
-            return Err(TableError::refused(format!(
-                "a workbook that unpacks to more than {most} bytes, from {}: save the columns that are needed as CSV",
-                bytes.len()
-            )));
-        }
-        let wrong = wrong(&name, BufReader::new(part), is_binary, &mut weight)
-            .map_err(|error| refused(&format!("whose {name:?} cannot be read: {error}")))?;
-        if let Some(wrong) = wrong {
-            return Err(refused(&format!("whose {name:?} {wrong}")));
+        let small = small(&name);
+        if small.ends_with(".bin") || opened.contains(&small) {
+            let wrong = wrong(&small, BufReader::new(part), kind, &mut weight)
+                .map_err(|error| refused(&format!("whose {name:?} cannot be read: {error}")))?;
+            if let Some(wrong) = wrong {
+                return Err(refused(&format!("whose {name:?} {wrong}")));
+            }
         }
         if let Some(over) = weight.over() {
             return Err(refused(&format!("that {over}, up to its {name:?}")));
@@ -64,27 +68,18 @@ fn refused(wrong: &str) -> TableError {
     TableError::refused(format!("a workbook {wrong}; save it again, or the columns that are needed as CSV"))
 }
 
-/// The name of a part as the library looks for it: it takes capital letters for small ones, and either slash for the other.
-pub fn small(name: &str) -> String {
-    name.to_ascii_lowercase().replace('\\', "/")
-}
-
-/// What a part says of itself that cannot be; `is_binary` for those of an `.xlsb`. What it takes is added to the weight.
-fn wrong(name: &str, part: impl BufRead, is_binary: bool, weight: &mut Weight) -> io::Result<Option<String>> {
-    let small = small(name);
+/// What a part says of itself that cannot be, by its name in small letters and the kind of its workbook. What it takes is added to the
+/// weight.
+fn wrong(small: &str, part: impl BufRead, kind: Kind, weight: &mut Weight) -> io::Result<Option<String>> {
     if small.ends_with(".bin") {
-        return xlsb::look(&small, part, is_binary, weight).map(|()| None);
-    }
-    // The library opens no other as XML: the lists of parts are looked at below.
-    if !small.ends_with(".xml") && !small.ends_with(".rels") {
-        return Ok(None);
+        return xlsb::look(small, part, kind == Kind::Binary, weight).map(|()| None);
     }
     let mut tags = Tags::new(part);
-    let wrong = if name == "content.xml" {
+    let wrong = if kind == Kind::OpenDocument && small == PART_OF_OPEN_DOCUMENT {
         let is_cut = content::look(&mut tags, weight)?;
         is_cut.then(|| "ends within a table: it is cut".to_string())
     } else {
-        of_excel(&small, &mut tags, is_binary, weight)?
+        of_excel(&mut tags, kind, weight)?
     };
     // The library takes all of a manifest into one buffer.
     let longest = if small.ends_with("manifest.xml") { tags.at } else { tags.longest };
@@ -94,13 +89,9 @@ fn wrong(name: &str, part: impl BufRead, is_binary: bool, weight: &mut Weight) -
 }
 
 /// A part in XML of a workbook of Excel: its texts, its formats, its lists of parts, in any folder and under any name.
-fn of_excel(
-    small: &str,
-    tags: &mut Tags<impl BufRead>,
-    is_binary: bool,
-    weight: &mut Weight,
-) -> io::Result<Option<String>> {
+fn of_excel(tags: &mut Tags<impl BufRead>, kind: Kind, weight: &mut Weight) -> io::Result<Option<String>> {
     let (mut told, mut texts, mut formats, mut longest, mut is_kept) = (None, 0u64, 0u64, 0u64, false);
+    let mut is_of_cells = false;
     while let Some(tag) = tags.tag()? {
         let Tag::Begin(name, written) = tag else { continue };
         let name = local(name);
@@ -108,10 +99,13 @@ fn of_excel(
         match name {
             b"sst" => told = told.or(Some(number(written, "uniqueCount"))),
             b"si" => texts += 1,
-            b"xf" => formats += 1,
+            // The library keeps the formats of this list alone. Its end is not looked for: it may stand within a format, where the
+            // library does not take it for one, and no other list of them follows.
+            b"cellXfs" => is_of_cells = true,
+            b"xf" => formats += u64::from(is_of_cells),
             b"numFmt" | b"name" => longest = longest.max(written.len() as u64),
-            b"Relationship" if small == xlsb::RELATIONS => xlsb::relation(written)?,
-            b"Relationship" if !is_binary => relation(written)?,
+            b"Relationship" if kind == Kind::Binary => xlsb::relation(written)?,
+            b"Relationship" => relation(written)?,
             _ => {}
         }
         is_kept |= [&b"si"[..], b"font", b"numFmt", b"definedName"].contains(&name);
@@ -131,20 +125,6 @@ fn of_excel(
     Ok(None)
 }
 
-/// Refuses a list of parts that has a sheet, or the list of sheets, in a part that is not looked at, or under a long name.
-fn relation(written: &[u8]) -> io::Result<()> {
-    const KINDS: [&[u8]; 4] = [b"officeDocument", b"worksheet", b"chartsheet", b"dialogsheet"];
-    let of = |name: &'static [u8]| attributes(written).filter(move |(own, _)| *own == name);
-    let is_looked_for = of(b"Type")
-        .filter_map(|(_, kind)| kind.rsplit(|byte| *byte == b'/').next())
-        .any(|kind| KINDS.contains(&kind));
-    let is_looked_at = |place: &[u8]| xlsb::is_plain(place) && place.to_ascii_lowercase().ends_with(b".xml");
-    match of(b"Target").map(|(_, place)| place).find(|place| !is_looked_at(place)) {
-        Some(place) if is_looked_for => Err(xlsb::misplaced(place)),
-        _ => Ok(()),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -152,7 +132,7 @@ mod tests {
     /// What is wrong with a part of a workbook of Excel, and what the workbook would take.
     fn looked(text: &str) -> (Result<Option<String>, String>, Weight) {
         let mut weight = Weight::of(0);
-        let wrong = wrong("xl/part.xml", text.as_bytes(), false, &mut weight);
+        let wrong = wrong("xl/part.xml", text.as_bytes(), Kind::Excel, &mut weight);
         (wrong.map_err(|error| error.to_string()), weight)
     }
 
@@ -177,10 +157,19 @@ mod tests {
     #[test]
     fn formats_and_lists_are_counted_for_each_entry() {
         let over = |text: &str| looked(text).1.over().is_some();
-        assert!(!over(&"<xf/>".repeat(1000)));
-        assert!(over(&"<xf/>".repeat(100_000)));
+        let formats = |count: usize| format!("<cellXfs>{}</cellXfs>", "<xf/>".repeat(count));
+        assert!(!over(&formats(1000)));
+        assert!(over(&formats(100_000)));
         let long = format!("<numFmt formatCode=\"{}\"/>", "0".repeat(10_000));
-        assert!(over(&(long + &"<xf/>".repeat(1000))));
+        assert!(over(&(long + &formats(1000))));
+        let of_styles = format!("<cellStyleXfs>{}</cellStyleXfs>", "<xf/>".repeat(100_000));
+        assert!(!over(&(of_styles + &formats(1000))), "the library does not keep them");
+        // It goes on behind an end that stands within a format.
+        assert!(over(&format!("<cellXfs><xf></cellXfs></xf>{}", "<xf/>".repeat(100_000))));
+        let names = |count: usize| "<definedName name=\"abc\">S!$A$1</definedName>".repeat(count);
+        // 208 bytes each, and twice those in the file: 88.
+        assert!(!over(&names(53_000)));
+        assert!(over(&names(55_000)));
         assert!(!over(&"<sheet/>".repeat(1000)));
         assert!(over(&"<sheet/>".repeat(20_000)));
     }

@@ -1,7 +1,7 @@
 //! The tags of an XML document one after the other, in no more memory than the longest of them. They are divided as the library
 //! that opens workbooks divides them, so that neither sees a tag that the other does not.
 
-use super::limits;
+use super::limits::{self, GROWING, TEXT};
 use std::io::{self, BufRead, Read};
 
 /// Most bytes of a tag: a text of Excel's has fewer. Those of a name, and levels of tags within tags: spreadsheets have a dozen.
@@ -10,21 +10,15 @@ const LONGEST_NAME: usize = 1 << 8;
 const DEEPEST: usize = 1 << 8;
 /// Elements of which the library keeps a list, without their prefixes; bytes that it takes for one, the place of its part among
 /// them, and for each of its own.
-const LISTED: [&[u8]; 11] = [
-    b"Relationship",
-    b"border",
-    b"definedName",
-    b"fill",
-    b"font",
-    b"named-expression",
-    b"named-range",
-    b"numFmt",
-    b"sheet",
-    b"style",
-    b"table",
-];
+const LISTED: [&[u8]; 8] =
+    [b"Relationship", b"border", b"fill", b"font", b"numFmt", b"sheet", b"style", b"table"];
 const ENTRY: u64 = 1024;
 const COPIES: u64 = 4;
+/// Names of cells: of each the library keeps two texts alone, the name and its formula, in a list that grows. Either may have twice
+/// the room that it needs.
+const NAMES: [&[u8]; 3] = [b"definedName", b"named-expression", b"named-range"];
+const NAME: u64 = GROWING * 2 * TEXT;
+const COPIES_OF_NAME: u64 = 2;
 /// Elements whose content the library takes into one buffer, without their prefixes.
 const GATHERED: [&[u8]; 6] = [b"annotation", b"definedName", b"is", b"si", b"t", b"v"];
 
@@ -73,7 +67,7 @@ impl<R: BufRead> Tags<R> {
     /// The next one; an element without content, `<a/>`, begins and ends. `None` at the end of the document.
     ///
     /// # Errors
-    /// What the reader said, a DOCTYPE, and tags that are longer or deeper than those of any spreadsheet.
+    /// What the reader said, a DOCTYPE with declarations in it, and tags that are longer or deeper than those of any spreadsheet.
     pub fn tag(&mut self) -> io::Result<Option<Tag<'_>>> {
         if std::mem::take(&mut self.is_empty) {
             let len = name_len(&self.held);
@@ -119,9 +113,11 @@ impl<R: BufRead> Tags<R> {
             ));
         }
         let name = local(&self.held[..len]);
+        let own = limits::heap(self.held.len() as u64);
         if LISTED.contains(&name) {
-            let own = limits::heap(self.held.len() as u64).saturating_mul(COPIES);
-            self.listed = self.listed.saturating_add(ENTRY + own);
+            self.listed = self.listed.saturating_add(ENTRY + COPIES * own);
+        } else if NAMES.contains(&name) {
+            self.listed = self.listed.saturating_add(NAME + COPIES_OF_NAME * own);
         }
         if self.gathered.is_none() {
             let own = GATHERED.into_iter().find(|own| *own == name);
@@ -155,11 +151,15 @@ impl<R: BufRead> Tags<R> {
                 [b'!', b'-', ..] => self.held.len() > 5 && self.held.ends_with(b"-->"),
                 [b'!', b'[', ..] => self.held.ends_with(b"]]>"),
                 [b'?', ..] => self.held.ends_with(b"?>"),
-                [b'!', ..] => return Err(io::Error::other("it has a DOCTYPE, which no spreadsheet writes")),
-                _ => {
+                held => {
                     // A bracket within quotes is one of a value.
-                    for byte in &self.held[from..] {
+                    for byte in &held[from..] {
                         quote = match quote {
+                            None if *byte == b'[' && held[0] == b'!' => {
+                                return Err(io::Error::other(
+                                    "it has a DOCTYPE with declarations in it, which no spreadsheet writes",
+                                ));
+                            }
                             None => Some(*byte).filter(|byte| [b'"', b'\''].contains(byte)),
                             Some(open) => Some(open).filter(|open| open != byte),
                         };
@@ -239,7 +239,10 @@ mod tests {
         for cut in ["", "text", "<", "<a", "<a b='>", "<!-- -", "<![CDATA[ ]]", "<?p >"] {
             assert!(all(cut).is_empty(), "{cut}");
         }
-        assert!(Tags::new("<!DOCTYPE a><a/>".as_bytes()).tag().is_err());
+        for doctype in ["<!DOCTYPE a>", "<!DOCTYPE a PUBLIC \"-//[b]//>\" '<c>'>"] {
+            assert_eq!(all(&format!("{doctype}<a/>")), ["<a", ">a"], "{doctype}");
+        }
+        assert!(Tags::new("<!DOCTYPE a [<!ENTITY b 'c'>]><a/>".as_bytes()).tag().is_err());
     }
 
     /// The tags of a text that was read to its end, or what is wrong with it.
@@ -257,6 +260,8 @@ mod tests {
         assert_eq!(one, ENTRY + COPIES * 16);
         assert_eq!(listed("<a><x:sheet name=\"a\"></x:sheet><font/></a>"), 2 * one);
         assert!(listed(&format!("<sheet name=\"{}\"/>", "x".repeat(1000))) > 1000 * COPIES);
+        // Two headers of 24 bytes in a list that grows, and twice its own 32 bytes.
+        assert_eq!(listed("<x:definedName name=\"abcde\">S!$A$1</x:definedName>"), 3 * 48 + 2 * 32);
     }
 
     #[test]
