@@ -94,6 +94,8 @@ async fn messages_come_in_their_order_however_large_and_many_they_are() {
     let messages: Vec<Outgoing> =
         sizes.iter().map(|(n, bytes)| message(&format!("edge-{n}"), What::Pulse, *n, *bytes)).collect();
     link.send(&messages).await.map_err(|(_, error)| error).expect("they are kept");
+    let nothing = link.follow(LATEST, &all(None, What::Cursor)).await.expect("the server is there");
+    assert!(nothing.has_caught_up());
     let mut following = link.follow(LATEST, &all(None, What::Pulse)).await.expect("the server is there");
     let mut came = Vec::new();
     let begun = Instant::now();
@@ -103,6 +105,7 @@ async fn messages_come_in_their_order_however_large_and_many_they_are() {
         let bytes: usize = some.iter().map(|message| message.body().len()).sum();
         assert!(bytes < HELD + (1 << 19), "{bytes} bytes are held at once");
         came.extend(some.iter().map(|message| (message.body()[0], message.body().len())));
+        assert_eq!(following.has_caught_up(), came.len() == sizes.len(), "{} came", came.len());
     }
     assert_eq!(came, sizes);
 }

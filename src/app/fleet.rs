@@ -2,12 +2,14 @@
 //! centre has those of the edges.
 
 mod alone;
+mod announced;
 mod asking;
 mod centre;
 mod certificates;
 mod edge;
 mod forward;
 mod inventory;
+mod lists;
 mod order;
 mod orders;
 mod standing;

@@ -18,10 +18,13 @@ use prost::Message;
 use prost::bytes::Bytes;
 
 /// Most bytes of a list in one part: far less than a server takes by default (1 MB), and few enough that a line of 0.5 Mbit/s
-/// carries them while an edge waits for the server's answer (5 s).
-const PART: usize = 1 << 18;
+/// carries them within half of the time that an edge or a centre waits for the server's answer (5 s). A centre has them as text,
+/// a third longer.
+const PART: usize = 1 << 17;
+/// Most bytes in the first part. An edge asks for this part to see whether the stream still has its announcement, so it is short.
+const FIRST: usize = 1 << 10;
 /// Most parts of an announcement: 6 MiB together, and the list of 10,000 loops of eight tags is 3.8 MB.
-const MOST_PARTS: u32 = 24;
+const MOST_PARTS: u32 = 48;
 /// Most that a list takes once it is decoded (bytes): with its own 6 MiB it stays below the 32 MiB of a peer, and one of 10,000
 /// loops of eight tags takes 19 MB.
 pub const MOST_LIST: usize = 22 << 20;
@@ -32,7 +35,8 @@ const DIGEST: usize = 32;
 
 /// Whether a centre takes the list that has these bytes.
 pub fn is_taken(list: &[u8]) -> bool {
-    list.len() <= PART * MOST_PARTS as usize && weigh(list, Hello::FIELDS, MOST_LIST).is_ok()
+    1 + list.len().saturating_sub(FIRST).div_ceil(PART) <= MOST_PARTS as usize
+        && weigh(list, Hello::FIELDS, MOST_LIST).is_ok()
 }
 
 /// The messages that announce the list that has these bytes, in their order.
@@ -40,12 +44,13 @@ pub fn split(own: &Subject, list: &[u8]) -> Vec<Outgoing> {
     cut(own, list, PART)
 }
 
-/// The same in parts of at most so many bytes.
+/// The same, with at most so many bytes in each part behind the first.
 fn cut(own: &Subject, list: &[u8], most: usize) -> Vec<Outgoing> {
     let whole = digest(&own.to_string(), list).to_vec();
     // An empty list is a part, too.
-    let bodies: Vec<&[u8]> = if list.is_empty() { vec![list] } else { list.chunks(most).collect() };
-    let count = bodies.len() as u32;
+    let (first, rest) = list.split_at(list.len().min(FIRST));
+    let count = 1 + rest.len().div_ceil(most) as u32;
+    let bodies = std::iter::once(first).chain(rest.chunks(most));
     let message = |(number, body): (u32, &[u8])| {
         let part = HelloPart { whole: whole.clone(), number, count, body: Bytes::copy_from_slice(body) };
         Outgoing::latest(own.part(number), part.encode_to_vec())
@@ -69,6 +74,27 @@ fn read(subject: &str, bytes: impl Into<Bytes>) -> Option<(Subject, HelloPart)> 
     Some((edge, part))
 }
 
+/// A message of an announcement, as a centre hears it.
+#[derive(Debug)]
+pub enum Heard {
+    /// Another part than the last, of this edge, with the digest of the whole.
+    Part(Subject, Vec<u8>),
+    /// The last part: all others are in the stream.
+    Last(Announcement),
+}
+
+impl Heard {
+    /// Reads a message that came. One that is no part is refused.
+    pub fn read(subject: &str, bytes: impl Into<Bytes>) -> Option<Self> {
+        let (edge, part) = read(subject, bytes)?;
+        let (whole, count) = (part.whole, part.count);
+        Some(match part.number + 1 == count {
+            true => Self::Last(Announcement { edge, whole, count, next: 0, list: Vec::new() }),
+            false => Self::Part(edge, whole),
+        })
+    }
+}
+
 /// An announcement whose last part has come, and those of its parts that were fetched.
 #[derive(Debug)]
 pub struct Announcement {
@@ -85,10 +111,10 @@ impl Announcement {
     /// Reads a message that came; nothing where it is another part than the last of its announcement. One that is no part is
     /// refused.
     pub fn read(subject: &str, bytes: impl Into<Bytes>) -> Option<Self> {
-        let (edge, part) = read(subject, bytes)?;
-        let is_last = part.number + 1 == part.count;
-        let (whole, count) = (part.whole, part.count);
-        is_last.then(|| Self { edge, whole, count, next: 0, list: Vec::new() })
+        match Heard::read(subject, bytes)? {
+            Heard::Last(own) => Some(own),
+            Heard::Part(..) => None,
+        }
     }
 
     /// Whose list it is.
@@ -99,6 +125,16 @@ impl Announcement {
     /// The digest of the list: another list has another.
     pub fn digest(&self) -> &[u8] {
         &self.whole
+    }
+
+    /// How many parts were fetched.
+    pub fn fetched(&self) -> u32 {
+        self.next
+    }
+
+    /// Forgets the parts that were fetched.
+    pub fn forget(&mut self) {
+        (self.next, self.list) = (0, Vec::new());
     }
 
     /// Where the next part is; nothing where all were fetched.

@@ -1,5 +1,7 @@
 //! What is asked of NATS, through its client; `relay` bounds what its servers say.
 
+mod outgoing;
+
 use super::config::Config;
 pub use super::digest::digest;
 use super::digest::hex;
@@ -16,6 +18,7 @@ use async_nats::jetstream::stream::LastRawMessageErrorKind;
 use async_nats::jetstream::{self, Context};
 use async_nats::{Client, Subscriber};
 use futures::StreamExt;
+pub use outgoing::Outgoing;
 use prost::bytes::Bytes;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -64,29 +67,6 @@ fn away(error: impl std::fmt::Display) -> LinkError {
     LinkError::Away(error.to_string())
 }
 
-/// A message to be kept by a stream.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Outgoing {
-    /// Where to.
-    pub subject: String,
-    /// What.
-    pub body: Vec<u8>,
-    /// The same bytes are the same message; else they are news each time.
-    pub once: bool,
-}
-
-impl Outgoing {
-    /// A message that is kept once however often it is sent.
-    pub fn once(subject: String, body: Vec<u8>) -> Self {
-        Self { subject, body, once: true }
-    }
-
-    /// How something is now, in place of what was said before.
-    pub fn latest(subject: String, body: Vec<u8>) -> Self {
-        Self { subject, body, once: false }
-    }
-}
-
 /// A message that a stream kept.
 #[derive(Debug)]
 pub struct Incoming {
@@ -112,6 +92,11 @@ impl Incoming {
     /// Its number among all that were given to its reader.
     fn given(&self) -> u64 {
         self.message.info().map_or(0, |info| info.consumer_sequence)
+    }
+
+    /// How many more the stream had for its reader when this one was given to it.
+    fn pending(&self) -> u64 {
+        self.message.info().map_or(u64::MAX, |info| info.pending)
     }
 
     /// Its number in the stream.
@@ -165,11 +150,14 @@ pub struct Reading {
     next: Option<u64>,
     /// What was given before and not done, in the order of the stream: it comes first.
     again: Vec<Incoming>,
+    /// Messages that the stream had when this reading began, and that have not come.
+    left: u64,
 }
 
 impl Reading {
     fn shared(consumer: Consumer<pull::Config>) -> Self {
-        Self { consumer, portion: PORTION, broken: None, next: None, again: Vec::new() }
+        let left = consumer.cached_info().num_pending;
+        Self { consumer, portion: PORTION, broken: None, next: None, again: Vec::new(), left }
     }
 
     fn alone(consumer: Consumer<pull::Config>) -> Self {
@@ -180,6 +168,11 @@ impl Reading {
     /// Number of the last message of the stream that was done when this reading began, and with it all before.
     pub fn done_before(&self) -> u64 {
         self.consumer.cached_info().ack_floor.stream_sequence
+    }
+
+    /// Whether everything has come that the stream had when this reading began.
+    pub fn has_caught_up(&self) -> bool {
+        self.left == 0
     }
 
     /// When the server made this reader (ns since the Unix epoch): it goes with its stream.
@@ -232,6 +225,8 @@ impl Reading {
                     }
                     *next += 1;
                 }
+                // A message that another of its subject replaces never comes, so that the server's own count is looked at, too.
+                self.left = self.left.saturating_sub(1).min(message.pending());
                 all.push(message);
             }
             Ok::<_, LinkError>(())
@@ -289,13 +284,18 @@ impl Link {
         self.client.max_payload().min(MOST_MESSAGE as usize)
     }
 
-    /// Makes the streams that are not there; those that are stay as they are.
+    /// Makes the streams that are not there. Those that are keep their limits, and get the subjects and the longest message that
+    /// they lack, because an earlier build may have made them. Whoever does the same at the same time gives them the same.
     ///
     /// # Errors
     /// [`LinkError::Away`].
     pub async fn make_streams(&self, config: &Config) -> Result<(), LinkError> {
-        for stream in streams::of(config) {
-            self.js.get_or_create_stream(stream).await.map_err(away)?;
+        for wanted in streams::of(config) {
+            let stream = self.js.get_or_create_stream(wanted.clone()).await.map_err(away)?;
+            if let Some(mended) = streams::mended(&stream.cached_info().config, &wanted) {
+                self.js.update_stream(mended).await.map_err(away)?;
+                tracing::info!(stream = wanted.name, "a stream of an earlier build is as this one needs it");
+            }
         }
         Ok(())
     }

@@ -3,6 +3,7 @@
 use super::config::Config;
 use super::subject::{What, all};
 use async_nats::jetstream::stream::{self, DiscardPolicy, RetentionPolicy, StorageType};
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 /// Raw samples; when it is full the oldest go.
@@ -30,8 +31,8 @@ const WINDOW_BYTES: i64 = 256_000_000;
 const ACTION_BYTES: i64 = 64_000_000;
 /// Most bytes of the latest messages: 100,000 loops take about 30 MB.
 const LATEST_BYTES: i64 = 256_000_000;
-/// Most bytes of one of the latest messages: twice a part of an edge's list, which is the longest. Who asks for one has it as text,
-/// a third longer, and one that were longer than an answer may be then would end the connection each time.
+/// Most bytes of one of the latest messages: four times a part of an edge's list, which is the longest. Who asks for one has it as
+/// text, a third longer, and one that were longer than an answer may be then would end the connection each time.
 const LATEST_MESSAGE: i32 = 1 << 19;
 
 /// All streams, with the room that a configuration gives them.
@@ -79,6 +80,20 @@ pub fn of(config: &Config) -> [stream::Config; 5] {
     ]
 }
 
+/// What a stream that is there is to be in place of `held`; nothing where it is good as it is. Without the subjects that we send to
+/// it keeps nothing of them, and without our bound it keeps messages that nobody can ask for, so both are ours. All else is left as
+/// it is: an operator may have given a stream other limits.
+pub fn mended(held: &stream::Config, wanted: &stream::Config) -> Option<stream::Config> {
+    let subjects = |own: &stream::Config| own.subjects.iter().cloned().collect::<BTreeSet<String>>();
+    // A server says -1 where there is no bound, and one that we do not want is the operator's.
+    let is_right = wanted.max_message_size <= 0 || held.max_message_size == wanted.max_message_size;
+    if is_right && subjects(held) == subjects(wanted) {
+        return None;
+    }
+    let max_message_size = if is_right { held.max_message_size } else { wanted.max_message_size };
+    Some(stream::Config { subjects: wanted.subjects.clone(), max_message_size, ..held.clone() })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -103,5 +118,24 @@ mod tests {
             let subjects = crate::fleet::subject::all(None, what);
             assert_eq!(all.iter().filter(|own| **own == subjects).count(), 1, "{what:?}");
         }
+    }
+    #[test]
+    fn a_stream_of_an_earlier_build_gets_our_subjects_and_bound_and_keeps_its_limits() {
+        let config: Config = toml::from_str("servers = ['nats://hub']").expect("readable");
+        for wanted in of(&config) {
+            // As a server says what it has.
+            let bound = if wanted.max_message_size == 0 { -1 } else { wanted.max_message_size };
+            let now = stream::Config { max_message_size: bound, max_bytes: 7, ..wanted.clone() };
+            assert_eq!(mended(&now, &wanted), None, "{}", wanted.name);
+            let turned = wanted.subjects.iter().rev().cloned().collect();
+            assert_eq!(mended(&stream::Config { subjects: turned, ..now.clone() }, &wanted), None);
+
+            let old = vec!["stictiond.v0.>".to_string()];
+            let held = stream::Config { subjects: old, max_message_size: -1, ..now.clone() };
+            assert_eq!(mended(&held, &wanted), Some(now), "{}", wanted.name);
+        }
+        let [.., latest] = of(&config);
+        let unbounded = stream::Config { max_message_size: -1, ..latest.clone() };
+        assert_eq!(mended(&unbounded, &latest), Some(latest));
     }
 }

@@ -128,8 +128,8 @@ async fn empty_parts_are_refused_before_they_are_decoded_by_each_role() {
         daemon.until(&format!("a {} is refused", what.as_str()), PATIENCE, |own| refused(own) > before);
     }
     // Of as many bytes as a list may have: each loop would take nearly a hundred times its bytes.
-    let announcement = split(&Subject::new(SITE, "e2", What::Hello), &parts(b"\x0a\x00")[..6 << 20]);
-    assert_eq!(announcement.len(), 24);
+    let announcement = split(&Subject::new(SITE, "e2", What::Hello), &parts(b"\x0a\x00")[..47 << 17]);
+    assert_eq!(announcement.len(), 48);
     let before = refused(&centre);
     link.send(&announcement).await.map_err(|(_, error)| error).expect("the server takes it");
     centre.until("an announcement is refused", PATIENCE, |own| refused(own) > before);

@@ -2,10 +2,10 @@
 
 use crate::nats::Nats;
 use crate::rig::connected;
-use async_nats::jetstream::{self, stream::State};
+use async_nats::jetstream::{self, stream};
 use std::time::Duration;
 use stictiond::fleet::link::{Link, Outgoing};
-use stictiond::fleet::streams::{EVENTS, SAMPLES};
+use stictiond::fleet::streams::{EVENTS, LATEST, SAMPLES};
 use stictiond::fleet::subject::{Subject, What, all};
 
 /// Messages of 100 kB each, which are more than the streams of this test have room for.
@@ -20,7 +20,7 @@ fn message(what: What, number: u64) -> Outgoing {
     Outgoing::once(Subject::new("north", "FIC1", what).to_string(), body)
 }
 
-async fn state(hub: &Nats, stream: &str) -> State {
+async fn state(hub: &Nats, stream: &str) -> stream::State {
     let client = async_nats::connect(hub.url()).await.expect("the server is there");
     let stream = jetstream::new(client).get_stream(stream).await.expect("it is there");
     stream.cached_info().state.clone()
@@ -76,4 +76,30 @@ async fn of_what_was_found_nothing_goes_and_what_is_new_waits_until_there_is_roo
     link.send(&[message(What::Diagnosis, kept)]).await.map_err(|(_, error)| error).expect("there is room");
     let own = state(&hub, EVENTS).await;
     assert_eq!((own.first_sequence, own.messages), (kept + 1, 1));
+}
+
+#[tokio::test]
+async fn streams_of_an_earlier_build_take_what_is_sent_now_and_keep_their_room() {
+    let hub = Nats::hub();
+    let link = connected(&hub, "").await;
+    let client = async_nats::connect(hub.url()).await.expect("the server is there");
+    let js = jetstream::new(client);
+    let config = async || js.get_stream(LATEST).await.expect("it is there").cached_info().config.clone();
+    let now = config().await;
+    // A hello in one message, of any length, and less room by an operator.
+    let subject = |own: &String| own.replace(".hello.*", ".hello");
+    let subjects: Vec<String> = now.subjects.iter().map(subject).collect();
+    assert_ne!(subjects, now.subjects);
+    let room = 7_000_000;
+    let old = stream::Config { subjects, max_message_size: -1, max_bytes: room, ..now.clone() };
+    js.update_stream(&old).await.expect("the server takes it");
+    let part = Outgoing::latest(Subject::new("north", "e1", What::Hello).part(0), vec![0; BYTES]);
+    link.send(std::slice::from_ref(&part)).await.expect_err("no stream has this subject");
+
+    // Two centres start at once.
+    tokio::join!(connected(&hub, ""), connected(&hub, ""));
+    assert_eq!(config().await, stream::Config { max_bytes: room, ..now });
+    link.send(std::slice::from_ref(&part)).await.map_err(|(_, error)| error).expect("it is kept");
+    let (_, body) = link.last(LATEST, &part.subject).await.expect("the server is there").expect("it is kept");
+    assert_eq!(body, part.body);
 }

@@ -2,7 +2,8 @@
 //! people do about alarms. A message is acknowledged once what it brought is in the store.
 
 use super::forward::MOST_SAMPLES;
-use super::inventory::{Digests, composed};
+use super::inventory::composed;
+use super::lists::Lists;
 use super::order::{Early, Making, Order, Origin, Strange, patience};
 use super::orders::action;
 use super::standing::reader;
@@ -78,7 +79,7 @@ impl Fleet {
             match link.make_streams(&self.config).await {
                 Ok(()) => break,
                 Err(error) => {
-                    stop.run_until_cancelled(self.rest(&error, "there are no streams yet")).await;
+                    stop.run_until_cancelled(self.rest(&error, "the streams are not ready yet")).await;
                 }
             }
         }
@@ -120,7 +121,7 @@ impl Fleet {
     async fn inventory(&self, link: &Link, app: &App) {
         // What is not in force yet, because it could not be taken.
         let mut new = false;
-        let mut digests = Digests::new();
+        let mut lists = Lists::default();
         loop {
             let mut reading = match link.follow(LATEST, &all(None, What::Hello)).await {
                 Ok(reading) => reading,
@@ -130,32 +131,28 @@ impl Fleet {
                 }
             };
             loop {
-                let heard = match reading.next(MOST, GATHER).await {
-                    Ok(heard) => heard,
-                    Err(error) => break self.rest(&error, "what edges are is not heard").await,
-                };
-                // What is followed anew begins with the last message of each part, so that a list comes again.
-                if let Err(error) = self.take_lists(link, heard, (&mut digests, &mut new)).await {
-                    break self.rest(&error, "a list of loops is not fetched").await;
+                if !lists.is_full() {
+                    match reading.next(MOST, GATHER).await {
+                        // All messages are let go before the first list is fetched.
+                        Ok(heard) => heard.iter().for_each(|own| lists.hear(own.subject(), own.bytes())),
+                        Err(error) => break self.rest(&error, "what edges are is not heard").await,
+                    }
                 }
+                self.unsettle(&lists);
+                let fetched = self.fetch_lists(link, &mut lists, &mut new).await;
                 if new {
                     match app.take(None).await {
                         Ok(()) => new = false,
                         Err(error) => tracing::error!(%error, "the loops of the edges cannot be taken"),
                     }
                 }
-                let now = self.clock.elapsed();
-                if !new {
-                    let edges = self.edges.lock().unwrap_or_else(PoisonError::into_inner);
-                    let mut in_force = self.in_force.lock().unwrap_or_else(PoisonError::into_inner);
-                    for (site, _) in edges.keys() {
-                        in_force.entry(site.clone()).or_insert(now);
-                    }
+                // Before that the stream may have lists that were not heard yet.
+                if !new && reading.has_caught_up() {
+                    self.settle_sites(&lists);
                 }
-                self.known.send_if_modified(|known| {
-                    let first = known.is_none() && !new;
-                    first.then(|| *known = Some(now)).is_some()
-                });
+                if let Err(error) = fetched {
+                    self.rest(&error, "a list of loops is not fetched").await;
+                }
             }
         }
     }

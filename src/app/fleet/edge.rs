@@ -2,25 +2,23 @@
 //! centre.
 
 use super::alone::Alone;
+use super::announced::Announced;
 use super::forward::Forward;
-use super::inventory::hello;
 use super::order::Making;
 use super::orders::read_action;
 use super::teller::NEWS_S;
-use super::{Fleet, PAUSE, Scene};
+use super::{Fleet, PAUSE};
 use crate::alarm::{AlarmId, Cause};
 use crate::app::App;
-use crate::fleet::announcement;
 use crate::fleet::lease::Seen;
 use crate::fleet::link::{Link, LinkError};
 use crate::fleet::message::Action;
 use crate::fleet::streams::ACTIONS;
-use crate::fleet::subject::{Subject, What, all, escaped};
+use crate::fleet::subject::{What, all, escaped};
 use crate::fleet::weights;
 use crate::notify::Telling;
 use crate::results::AlarmChange;
 use crate::signal::LoopId;
-use prost::Message;
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
@@ -59,8 +57,8 @@ impl Fleet {
         let mut forward = Forward::new(&self.site, &self.name);
         // The lease as it was seen last, and when that was new.
         let mut seen: Option<(Seen, Duration)> = None;
-        // The scene that the centre knows; since when nothing is forwarded, or the store cannot be read.
-        let (mut greeted, mut unheard_since) = (None::<Arc<Scene>>, None::<Duration>);
+        // What the centre knows of us; since when nothing is forwarded, or the store cannot be read.
+        let (mut announced, mut unheard_since) = (Announced::default(), None::<Duration>);
         let (mut known, mut handed) = (Alone::default(), Handed::new());
         // There was no lease at the last look.
         let mut gone = false;
@@ -82,7 +80,7 @@ impl Fleet {
                     if is_anew {
                         // What the streams had is lost, and their numbers say nothing any more.
                         known.lost();
-                        greeted = None;
+                        announced.lost();
                         forward.forget();
                     }
                     if let Some(lease) = lease {
@@ -95,7 +93,10 @@ impl Fleet {
                         }
                     }
                 }
-                Err(error) => tracing::debug!(%error, "the lease cannot be looked at"),
+                Err(error) => {
+                    announced.doubt();
+                    tracing::debug!(%error, "the lease cannot be looked at");
+                }
             }
             let silent = now.saturating_sub(seen.as_ref().map_or(Duration::ZERO, |(_, since)| *since));
             // While nothing is forwarded no centre hears of an alarm either, whatever lease there is.
@@ -116,9 +117,7 @@ impl Fleet {
             };
             let told = known.so_far(self.since.max(self.clock.now() - NEWS_S), holds);
             let round = async {
-                if !greeted.as_ref().is_some_and(|greeted| Arc::ptr_eq(greeted, &scene)) {
-                    self.greet(link, &scene).await?;
-                }
+                self.greet(link, &scene, &mut announced).await?;
                 let more = forward.samples(link, &scene.history, &store).await?;
                 Ok::<_, LinkError>(forward.events(link, &store, told).await? || more)
             };
@@ -126,14 +125,13 @@ impl Fleet {
             let failed = round.is_err();
             let pause = match round {
                 Ok(more) => {
-                    greeted = Some(scene);
                     done = if more { done } else { self.clock.elapsed() };
                     if more { Duration::ZERO } else { Duration::from_secs_f64(self.config.forward_s) }
                 }
                 Err(error) => {
                     tracing::warn!(%error, "nothing is forwarded: it waits in the store");
                     // The streams may be others when they are there again.
-                    greeted = None;
+                    announced.doubt();
                     forward.forget();
                     PAUSE
                 }
@@ -159,35 +157,6 @@ impl Fleet {
             tracing::warn!(silent_s = silent.as_secs_f64(), "{who}");
         }
         alone
-    }
-
-    /// Says what this edge is, in parts.
-    async fn greet(&self, link: &Link, scene: &Scene) -> Result<(), LinkError> {
-        let names = crate::app::devices_of(&scene.config).iter().map(LoopId::to_string).collect();
-        let own = Subject::new(&self.site, &self.name, What::Hello);
-        let list = hello(scene, names).encode_to_vec();
-        if !announcement::is_taken(&list) {
-            tracing::error!(
-                loops = scene.config.loops.len(),
-                bytes = list.len(),
-                "the centre does not know this edge's loops: their list is too large for it; divide them between two edges"
-            );
-            return Ok(());
-        }
-        for part in announcement::split(&own, &list) {
-            // The next is sent once this one is kept: a centre that hears the last finds all of them.
-            match link.send(&[part]).await {
-                Err((_, LinkError::TooLarge(bytes))) => {
-                    tracing::error!(
-                        bytes,
-                        "the centre does not know this edge's loops: max_payload of the NATS servers is too small"
-                    );
-                    return Ok(());
-                }
-                sent => sent.map_err(|(_, error)| error)?,
-            }
-        }
-        Ok(())
     }
 
     /// Tells people of changes of which nobody has heard. Those that receivers do not have on disk yet stay in `handed`, and the

@@ -1,15 +1,16 @@
 //! What an edge says of its loops, how a centre takes it, and the configuration that a centre makes of what all edges say.
 
+use super::lists::Lists;
 use super::{Fleet, Scene};
 use crate::config::{Config, ForwardedTag, LoopConfig, TagConfig, tags};
 use crate::fleet::announcement::Announcement;
-use crate::fleet::link::{Incoming, Link, LinkError};
+use crate::fleet::link::{Link, LinkError};
 use crate::fleet::message::{Hello, Loop, Tag};
 use crate::fleet::streams::LATEST;
 use crate::fleet::subject::{Subject, of_site};
 use crate::signal::{LoopId, Role};
+use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
-use std::collections::{BTreeMap, HashMap};
 use std::sync::PoisonError;
 
 /// Most loops that a centre takes.
@@ -51,37 +52,62 @@ fn sources(scene: &Scene, own: &LoopConfig) -> Vec<Tag> {
     tags(own).filter_map(tag).collect()
 }
 
-/// Digests of the lists that were taken, by edge.
-pub(super) type Digests = HashMap<Subject, Vec<u8>>;
-
 impl Fleet {
-    /// Takes the lists whose last parts were heard, one after the other; `new` is set where an edge has other loops than before.
+    /// Fetches and takes the lists that wait, one after the other; `new` is set where an edge has other loops than before.
     ///
     /// # Errors
-    /// [`LinkError`]; then what is left has to be heard again.
-    pub(super) async fn take_lists(
+    /// [`LinkError`]; then what is left still waits, and those before it are taken.
+    pub(super) async fn fetch_lists(
         &self,
         link: &Link,
-        heard: Vec<Incoming>,
-        (digests, new): (&mut Digests, &mut bool),
+        lists: &mut Lists,
+        new: &mut bool,
     ) -> Result<(), LinkError> {
-        // Of an edge the one that came last. All messages are let go before the first list is fetched.
-        let announcements: HashMap<Subject, Announcement> = heard
-            .into_iter()
-            .filter_map(|message| Announcement::read(message.subject(), message.bytes()))
-            .map(|announcement| (announcement.edge().clone(), announcement))
-            .collect();
-        for (edge, announcement) in announcements {
-            if digests.get(&edge).is_some_and(|taken| taken == announcement.digest()) {
-                continue;
-            }
-            let digest = announcement.digest().to_vec();
-            if let Some(hello) = fetched(link, announcement).await? {
-                *new |= self.take_list(&edge, hello);
-                digests.insert(edge, digest);
+        while let Some(mut announcement) = lists.next() {
+            let before = announcement.fetched();
+            match fetch(link, &mut announcement).await {
+                Ok(true) => {
+                    let (edge, digest) = (announcement.edge().clone(), announcement.digest().to_vec());
+                    if let Some(hello) = announcement.list() {
+                        *new |= self.take_list(&edge, hello);
+                        lists.took(edge, digest);
+                    }
+                }
+                Ok(false) => {}
+                Err(error) => {
+                    let has_more = announcement.fetched() > before;
+                    lists.put_back(announcement, has_more);
+                    return Err(error);
+                }
             }
         }
         Ok(())
+    }
+
+    /// What the edges of a site say is not in force any more where one of their lists has yet to come or to be fetched.
+    pub(super) fn unsettle(&self, lists: &Lists) {
+        let mut in_force = self.in_force.lock().unwrap_or_else(PoisonError::into_inner);
+        for site in lists.unsettled() {
+            in_force.remove(site);
+        }
+    }
+
+    /// All lists that were taken are in force, and all messages were heard that were there at the start: what the edges of a site
+    /// say is in force from now on, unless one of their lists has yet to come or to be fetched. Samples, diagnoses and alarms are
+    /// taken once every list was fetched that was heard.
+    pub(super) fn settle_sites(&self, lists: &Lists) {
+        let (now, unsettled) = (self.clock.elapsed(), lists.unsettled());
+        {
+            let edges = self.edges.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut in_force = self.in_force.lock().unwrap_or_else(PoisonError::into_inner);
+            for (site, _) in edges.keys().filter(|(site, _)| !unsettled.contains(site.as_str())) {
+                in_force.entry(site.clone()).or_insert(now);
+            }
+        }
+        self.known.send_if_modified(|known| {
+            let first = known.is_none() && lists.are_fetched();
+            first.then(|| *known = Some(now)).is_some()
+        });
     }
 
     /// Takes the list of an edge; whether that changes anything.
@@ -102,16 +128,15 @@ impl Fleet {
     }
 }
 
-/// The list of an announcement, fetched part by part; `None` where one of them is not there or is of another announcement, or the
-/// whole is no list.
-async fn fetched(link: &Link, mut announcement: Announcement) -> Result<Option<Hello>, LinkError> {
+/// Fetches the parts of an announcement that are left; false where one of them is not there or is of another announcement.
+async fn fetch(link: &Link, announcement: &mut Announcement) -> Result<bool, LinkError> {
     while let Some(subject) = announcement.next_subject() {
         let last = link.last(LATEST, &subject).await?;
         if !announcement.push(last.map(|(_, body)| body)) {
-            return Ok(None);
+            return Ok(false);
         }
     }
-    Ok(announcement.list())
+    Ok(true)
 }
 
 /// The configuration of a centre with the loops of all edges, in the order of their names. What cannot be taken is left out
@@ -179,4 +204,51 @@ fn loop_config(site: &str, id: &str, own: &Loop) -> Option<LoopConfig> {
         cost: None,
         writeback: None,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::app::fleet::tests::centre;
+    use crate::fleet::announcement::split;
+    use crate::fleet::subject::What;
+
+    /// What a centre hears of the list of an edge that has so many bytes.
+    fn hear(lists: &mut Lists, edge: &Subject, bytes: usize) {
+        split(edge, &vec![b'x'; bytes]).into_iter().for_each(|own| lists.hear(&own.subject, own.body));
+    }
+
+    #[test]
+    fn a_site_is_in_force_once_the_lists_of_all_of_its_edges_are() {
+        let (fleet, _results) = centre("north:FIC1");
+        let [e1, e2] = ["e1", "e2"].map(|name| Subject::new("north", name, What::Hello));
+        let is_in_force = || fleet.in_force.lock().expect("no panic").contains_key("north");
+        let is_known = || fleet.known.borrow().is_some();
+        let of = |id: &str| Hello {
+            loops: vec![Loop { id: id.to_string(), ..Loop::default() }],
+            ..Hello::default()
+        };
+        let mut lists = Lists::default();
+        assert!(fleet.take_list(&e1, of("FIC1")));
+        hear(&mut lists, &e2, 10_000);
+        fleet.unsettle(&lists);
+        fleet.settle_sites(&lists);
+        assert!(!is_in_force() && !is_known(), "the list of e2 is not fetched yet");
+
+        let heard = lists.next().expect("it waits");
+        assert!(fleet.take_list(&e2, of("FIC2")));
+        lists.took(e2.clone(), heard.digest().to_vec());
+        fleet.settle_sites(&lists);
+        assert!(is_in_force() && is_known());
+
+        // Another one begins to come: what it brings is not known yet.
+        let first = split(&e2, &[b'y'; 5_000]).swap_remove(0);
+        lists.hear(&first.subject, first.body);
+        fleet.unsettle(&lists);
+        fleet.settle_sites(&lists);
+        assert!(!is_in_force());
+        hear(&mut lists, &e2, 10_000);
+        fleet.settle_sites(&lists);
+        assert!(is_in_force(), "the one of before was announced again");
+    }
 }
