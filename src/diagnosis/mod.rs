@@ -27,6 +27,8 @@ pub use config::Config;
 pub use history_kind::{HistoryFound, HistoryKind};
 pub use verdict::diagnose;
 
+pub use crate::sysid::valve::model_error::{with_model_error, without_model_error};
+
 use crate::signal::Window;
 use rivals::Rival;
 use std::fmt;

@@ -7,8 +7,8 @@ use super::report::{Cell, Section, Style, Table};
 use super::srinivasan::best_d;
 use super::tables::{D_WINDOW, DEAD_BAND, DIAGNOSED, NOISE_SAMPLE_TIME, noisy, op_noise};
 use crate::compensation::{BacklashInverse, Compensator, Knocker};
+use crate::diagnosis::without_model_error;
 use crate::sim::SpecError;
-use crate::sysid::valve::model_error::without_model_error;
 
 /// Amplitudes searched, in f.
 const AMPLITUDES: [f64; 9] = [0.25, 0.5, 0.75, 0.9, 1.0, 1.1, 1.25, 1.5, 2.0];

@@ -7,8 +7,8 @@ use super::{Summary, words};
 use crate::alarm::{
     Action, Alarm, AlarmId, Cause, Config, Flood, Kind, Line, Observation, Priority, Transition,
 };
+use crate::diagnosis::without_model_error;
 use crate::signal::LoopId;
-use crate::sysid::valve::model_error::without_model_error;
 use std::collections::{BTreeMap, HashSet};
 use std::fmt;
 use std::sync::Arc;

@@ -1,8 +1,8 @@
 //! What is left to see of the friction of a valve while a term of write-back acts.
 
 use super::{Run, f_unit, op_in_percent};
+use crate::diagnosis::without_model_error;
 use crate::signal::told;
-use crate::sysid::valve::model_error::without_model_error;
 
 /// Share of f by which two estimates of the same friction may lie apart beside their intervals: an f within a tenth is what a
 /// record is expected to tell.

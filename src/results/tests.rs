@@ -1,8 +1,7 @@
 use super::*;
 use crate::alarm::{Action, AlarmId, Kind, Priority, Shelving, State};
-use crate::diagnosis::{Estimate, Model, NotIdentifiable, Settings};
+use crate::diagnosis::{Estimate, Model, NotIdentifiable, Settings, with_model_error};
 use crate::signal::Record;
-use crate::sysid::valve::model_error::with_model_error;
 use std::sync::Mutex;
 
 mod away;
