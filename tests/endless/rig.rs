@@ -23,7 +23,7 @@ const AT_ONCE: usize = 3;
 /// Bytes sent at once.
 const PIECE: usize = 1 << 16;
 /// Longest wait; reached only when the test has failed.
-pub const PATIENCE: Duration = Duration::from_secs(60);
+pub const PATIENCE: Duration = Duration::from_secs(240);
 
 /// What a peer sends: first once, then again and again.
 #[derive(Clone, Copy)]
