@@ -1,16 +1,16 @@
-//! Log-ins in the configuration: a user name, and the file or the environment variable that has its password.
+//! Checks the log-ins of the configuration: a user name, and the file or the environment variable that has its password.
 
 use std::path::PathBuf;
 
-/// What is wrong with the name of a variable that is left empty.
+/// The message for an environment variable whose name is empty.
 pub const NO_NAME: &str = "must name an environment variable";
 
-/// Whether the name of a variable is given and empty.
+/// Whether the name of an environment variable is given, but blank.
 pub fn names_nothing(env: &Option<String>) -> bool {
     env.as_ref().is_some_and(|name| name.trim().is_empty())
 }
 
-/// Everything wrong with `user`, `password_file` and `password_env` of a section, by field; empty when they can be used.
+/// What is wrong with `user`, `password_file` and `password_env` of a section: each field with a message. Empty if nothing is.
 pub fn wrong(
     user: &Option<String>,
     file: &Option<PathBuf>,
@@ -18,7 +18,10 @@ pub fn wrong(
 ) -> Vec<(&'static str, &'static str)> {
     let mut wrong = Vec::new();
     if user.is_some() != (file.is_some() || env.is_some()) {
-        wrong.push(("user", "a user name needs password_file or password_env, and they a user name"));
+        wrong.push((
+            "user",
+            "a user name needs password_file or password_env, and each of these needs a user name",
+        ));
     }
     if file.is_some() && env.is_some() {
         wrong.push(("password_env", "there is password_file too: leave one out"));

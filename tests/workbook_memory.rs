@@ -1,6 +1,6 @@
 //! How much memory it takes to read a workbook, as the allocator counts it for the whole process: so this is one test, in a process
 //! of its own. The workbooks are as dense as their kind can be, and are read; or they would take far more than their bytes, and are
-//! refused. Neither takes more than is allowed. `cargo test --test workbook_memory -- --nocapture` prints a row for each.
+//! refused. Neither takes more than is allowed. `cargo nextest run --test workbook_memory --no-capture` prints a row for each.
 
 #[path = "exports/archive.rs"]
 mod archive;

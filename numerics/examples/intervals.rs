@@ -1,5 +1,5 @@
-//! How often the interval of f holds the truth, on simulated sticking loops of three generators that share no code, at the
-//! controller's ticks, and how often it would with other errors of the models of valves:
+//! How often the interval of f contains the true f, on simulated sticking loops of three generators that share no code, sampled
+//! at the controller's ticks; and how often it would with other values of the error of the valve models:
 //! `cargo run --release -p stictiond-numerics --example intervals -- --records 1500 --first-seed 71000`.
 
 #[path = "../tests/common/acquired.rs"]
@@ -20,7 +20,7 @@ use stictiond_numerics::sysid::valve::model_error::{MODEL_SD, NORMAL_95, without
 /// Relative standard deviations of f that are tried.
 const TRIED: [f64; 7] = [0.0, 0.02, 0.04, 0.06, 0.08, 0.1, 0.12];
 
-/// How often the interval of f holds the truth
+/// How often the interval of f contains the true f
 #[derive(Parser)]
 struct Args {
     /// Loops of three generators, sound and sticking
@@ -34,7 +34,8 @@ struct Args {
     threads: usize,
 }
 
-/// A sticking valve that is told: by how much f is off, and the ends of the likelihood's interval, as logarithms of shares of f.
+/// A sticking valve that is found: the true f and the ends of the likelihood's interval, as logarithms of their ratio to the
+/// estimate of f.
 struct Told {
     generator: char,
     truth: f64,
@@ -42,7 +43,7 @@ struct Told {
 }
 
 impl Told {
-    /// Whether the truth is inside where the models' error has this standard deviation.
+    /// Whether the interval contains the true f if the models' error has this standard deviation.
     fn is_inside(&self, model_sd: f64) -> bool {
         let [low, high] = self.ends.map(|end| end.hypot(NORMAL_95 * model_sd));
         (-low..=high).contains(&self.truth)

@@ -379,7 +379,7 @@ pub struct CurvePoint {
 pub struct Estimate {
     /// Friction parameter, S/2 (OP unit).
     pub f: f64,
-    /// 95 % profile-likelihood interval of f (OP unit).
+    /// 95 % interval of f: that of the profile likelihood, with the error of the valve models (OP unit).
     pub f_ci95: [f64; 2],
     /// f as a share of OP's range in the window (-).
     pub f_of_op_range: f64,

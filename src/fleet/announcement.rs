@@ -1,11 +1,12 @@
-//! What an edge is, in parts: a list of many loops is longer than a message may be, and takes more than one may take once it is
-//! decoded. Each part has a subject of its own, by its number, so that the stream keeps the last message of each number.
+//! The announcement of an edge: the list of its loops, cut into parts. A list of many loops is longer than a message may be, and
+//! takes more memory once it is decoded than a message may take. Each part has a subject of its own, by its number, so that the
+//! stream keeps the last message of each number.
 //!
-//! A list is taken whole or not at all, because a loop that a list does not have counts as removed. An edge sends the parts in
-//! their order, each once the one before it is kept, so that all of them are in the stream when the last one comes. A centre
-//! fetches them then, so that it has one list at a time in memory. The parts of one announcement have the digest of the whole.
-//! A part of another announcement is of a newer one, whose own last part comes later. Until then the list of before stays in
-//! force.
+//! A centre takes a list whole or not at all, because a loop that is missing from a list counts as removed. An edge sends the parts
+//! in order, each once the stream has the one before it. So the stream has all parts when the last one comes. The centre fetches
+//! them only then, so that it has one list at a time in memory. All parts of one announcement have the digest of the whole list. A
+//! part with another digest is of a newer announcement, whose last part is still to come. Until it comes, the previous list stays
+//! in force.
 
 use super::digest::digest;
 use super::link::Outgoing;
@@ -17,25 +18,24 @@ use crate::protobuf::{self, Weighed, weigh};
 use prost::Message;
 use prost::bytes::Bytes;
 
-/// Most bytes of a list in one part: far less than a server takes by default (1 MB), and few enough that a line of 0.5 Mbit/s
-/// carries them within half of the time that an edge or a centre waits for the server's answer (5 s). A centre has them as text,
-/// a third longer.
+/// Most bytes of a list in one part. A server takes far more by default (1 MB). A line of 0.5 Mbit/s carries a part within half of
+/// the time that an edge or a centre waits for the server's answer (5 s). A centre gets a part as Base64, which is a third longer.
 const PART: usize = 1 << 17;
-/// Most bytes in the first part. An edge asks for this part to see whether the stream still has its announcement, so it is short.
+/// Most bytes of a list in the first part. It is short because an edge fetches it to see whether the stream still has its parts.
 const FIRST: usize = 1 << 10;
-/// Most parts of an announcement: 6 MiB together, and the list of 10,000 loops of eight tags is 3.8 MB.
+/// Most parts of an announcement: 6 MiB together. The list of 10,000 loops of eight tags each is 3.8 MB.
 const MOST_PARTS: u32 = 48;
-/// Most that a list takes once it is decoded (bytes): with its own 6 MiB it stays below the 32 MiB of a peer, and one of 10,000
-/// loops of eight tags takes 19 MB.
+/// Most memory that a list takes once it is decoded (bytes). With the 6 MiB of its parts it stays below the 32 MiB that a peer may
+/// make us hold. The list of 10,000 loops of eight tags each takes 19 MB.
 pub const MOST_LIST: usize = 22 << 20;
 // What is promised: no peer makes us hold more.
 const _: () = assert!(PART * (MOST_PARTS as usize) + MOST_LIST < 32 << 20);
-/// Bytes of a digest.
+/// Bytes of a digest: SHA-256.
 const DIGEST: usize = 32;
 
 /// Whether a centre takes the list that has these bytes.
 pub fn is_taken(list: &[u8]) -> bool {
-    // Beside the first part.
+    // The first part takes FIRST bytes, so one part fewer is left for the rest.
     list.len().saturating_sub(FIRST).div_ceil(PART) < MOST_PARTS as usize
         && weigh(list, Hello::FIELDS, MOST_LIST).is_ok()
 }
@@ -45,10 +45,10 @@ pub fn split(own: &Subject, list: &[u8]) -> Vec<Outgoing> {
     cut(own, list, PART)
 }
 
-/// The same, with at most so many bytes in each part behind the first.
+/// The same, with at most `most` bytes in each part after the first.
 fn cut(own: &Subject, list: &[u8], most: usize) -> Vec<Outgoing> {
     let whole = digest(&own.to_string(), list).to_vec();
-    // An empty list is a part, too.
+    // An empty list has one part, which is empty.
     let (first, rest) = list.split_at(list.len().min(FIRST));
     let count = 1 + rest.len().div_ceil(most) as u32;
     let bodies = std::iter::once(first).chain(rest.chunks(most));
@@ -59,7 +59,7 @@ fn cut(own: &Subject, list: &[u8], most: usize) -> Vec<Outgoing> {
     (0..count).zip(bodies).map(message).collect()
 }
 
-/// Reads a message as a part of an announcement, with its edge. One that is none is refused.
+/// Reads a message as a part of an announcement, with its edge. Refuses any other message.
 fn read(subject: &str, bytes: impl Into<Bytes>) -> Option<(Subject, HelloPart)> {
     let edge = Subject::read(subject).filter(|own| own.what == What::Hello)?;
     let part = weights::read::<HelloPart>(subject, bytes)?;
@@ -78,9 +78,9 @@ fn read(subject: &str, bytes: impl Into<Bytes>) -> Option<(Subject, HelloPart)> 
 /// A message of an announcement, as a centre hears it.
 #[derive(Debug)]
 pub enum Heard {
-    /// Another part than the last, of this edge, with the digest of the whole.
+    /// A part before the last, of this edge, with the digest of the whole list.
     Part(Subject, Vec<u8>),
-    /// The last part: all others are in the stream.
+    /// The last part: the stream has all others.
     Last(Announcement),
 }
 
@@ -102,15 +102,14 @@ pub struct Announcement {
     edge: Subject,
     whole: Vec<u8>,
     count: u32,
-    /// Parts that were fetched: all before this number.
+    /// The number of the next part: all before it were fetched.
     next: u32,
-    /// Their bytes.
+    /// The bytes of the parts that were fetched.
     list: Vec<u8>,
 }
 
 impl Announcement {
-    /// Reads a message that came; nothing where it is another part than the last of its announcement. One that is no part is
-    /// refused.
+    /// Reads a message that came. `None` if it is not the last part of its announcement. Refuses a message that is no part.
     pub fn read(subject: &str, bytes: impl Into<Bytes>) -> Option<Self> {
         match Heard::read(subject, bytes)? {
             Heard::Last(own) => Some(own),
@@ -123,7 +122,7 @@ impl Announcement {
         &self.edge
     }
 
-    /// The digest of the list: another list has another.
+    /// The digest of the whole list.
     pub fn digest(&self) -> &[u8] {
         &self.whole
     }
@@ -138,13 +137,13 @@ impl Announcement {
         (self.next, self.list) = (0, Vec::new());
     }
 
-    /// Where the next part is; nothing where all were fetched.
+    /// The subject of the next part; `None` if all were fetched.
     pub fn next_subject(&self) -> Option<String> {
         (self.next < self.count).then(|| self.edge.part(self.next))
     }
 
-    /// Takes the last message that the stream has of [`next_subject`](Self::next_subject), if any; whether it is the next part.
-    /// Where it is not, the list cannot be had, which is told in the log.
+    /// Takes the last message that the stream has of [`next_subject`](Self::next_subject), if any. Returns whether it is the next
+    /// part. If it is not, this list cannot be taken, which is logged.
     pub fn push(&mut self, message: Option<Vec<u8>>) -> bool {
         let subject = self.edge.part(self.next);
         let part = message.and_then(|bytes| read(&subject, bytes)).map(|(_, part)| part);
@@ -152,18 +151,18 @@ impl Announcement {
             tracing::info!(
                 target: LOG,
                 subject,
-                "a list of loops is not taken: this part of it is not there, or is of another announcement, which replaces it"
+                "a list of loops is not taken: this part is missing, or belongs to a newer announcement"
             );
             return false;
         };
-        // At the first part for all of them: grown step by step it would take more than they have.
+        // Room for all parts is made at the first one: a vector that grows step by step would take more.
         self.list.reserve_exact(PART * (self.count - self.next) as usize);
         self.list.extend_from_slice(&part.body);
         self.next += 1;
         true
     }
 
-    /// The list, once all parts were fetched. One that is none, or would take too much, is refused.
+    /// The list, once all parts were fetched. `None` if it is refused: the digest is wrong, or it would take too much memory.
     pub fn list(self) -> Option<Hello> {
         let subject = self.edge.to_string();
         if digest(&subject, &self.list)[..] != self.whole[..] {

@@ -33,7 +33,7 @@ const UNDER_WAY: usize = 128;
 /// Messages that are asked for at once. What comes for all readers together is to be less than
 /// [`MOST_ANSWER`](super::ops::MOST_ANSWER).
 const PORTION: usize = 32;
-/// The same of what machines say of themselves, of which parts of lists of loops are larger than most messages.
+/// The same for what machines say of themselves: a part of a list of loops is larger than most messages.
 const LARGE: usize = 1;
 /// Bytes after which no more are asked for before those are taken.
 const HELD: usize = 1 << 23;
@@ -94,7 +94,7 @@ impl Incoming {
         self.message.info().map_or(0, |info| info.consumer_sequence)
     }
 
-    /// How many more the stream had for its reader when this one was given to it.
+    /// How many more messages the stream had for its reader when it gave this one.
     fn pending(&self) -> u64 {
         self.message.info().map_or(u64::MAX, |info| info.pending)
     }
@@ -150,7 +150,7 @@ pub struct Reading {
     next: Option<u64>,
     /// What was given before and not done, in the order of the stream: it comes first.
     again: Vec<Incoming>,
-    /// Messages that the stream had when this reading began, and that have not come.
+    /// How many of the messages that the stream had when this reading began have not come yet.
     left: u64,
 }
 
@@ -225,7 +225,7 @@ impl Reading {
                     }
                     *next += 1;
                 }
-                // A message that another of its subject replaces never comes, so that the server's own count is looked at, too.
+                // A message that a newer one of its subject replaces never comes, so the server's own count is used, too.
                 self.left = self.left.saturating_sub(1).min(message.pending());
                 all.push(message);
             }
@@ -284,8 +284,8 @@ impl Link {
         self.client.max_payload().min(MOST_MESSAGE as usize)
     }
 
-    /// Makes the streams that are not there. Those that are keep their limits, and get the subjects and the longest message that
-    /// they lack, because an earlier build may have made them. Whoever does the same at the same time gives them the same.
+    /// Makes the streams that are missing. Streams that an earlier version made get our subjects and longest message, and keep their
+    /// other limits. Two centres may do this at the same time: both make the same changes.
     ///
     /// # Errors
     /// [`LinkError::Away`].
@@ -294,7 +294,7 @@ impl Link {
             let stream = self.js.get_or_create_stream(wanted.clone()).await.map_err(away)?;
             if let Some(mended) = streams::mended(&stream.cached_info().config, &wanted) {
                 self.js.update_stream(mended).await.map_err(away)?;
-                tracing::info!(stream = wanted.name, "a stream of an earlier build is as this one needs it");
+                tracing::info!(stream = wanted.name, "a stream of an earlier version was updated");
             }
         }
         Ok(())

@@ -327,10 +327,10 @@ pub struct Action {
     pub since: Option<f64>,
 }
 
-/// A part of what an edge is: some of the bytes of a [`Hello`].
+/// A part of an edge's announcement: some of the bytes of a [`Hello`].
 #[derive(Clone, PartialEq, Message)]
 pub struct HelloPart {
-    /// Digest of the whole: parts of one announcement have the same.
+    /// Digest of the whole list: all parts of one announcement have the same.
     #[prost(bytes = "vec", tag = "1")]
     pub whole: Vec<u8>,
     /// Its number among the parts, from 0.
@@ -339,7 +339,7 @@ pub struct HelloPart {
     /// How many parts there are.
     #[prost(uint32, tag = "3")]
     pub count: u32,
-    /// Its bytes.
+    /// Its bytes of the list.
     #[prost(bytes = "bytes", tag = "4")]
     pub body: Bytes,
 }

@@ -14,7 +14,7 @@
 //! - The edge is the only writer of what it measured and of its alarms, so nothing has to be merged.
 //! - What was forwarded is known from the streams themselves: an edge goes on behind the last message of each loop.
 //! - A message is sent again until it is acknowledged; its id is a digest of its bytes, so the stream keeps it once.
-//! - What an edge is comes in parts, and is taken whole or not at all.
+//! - The list of an edge's loops comes in parts, and is taken whole or not at all.
 //! - Write-back never crosses the fleet: there is no message for it.
 
 pub mod announcement;

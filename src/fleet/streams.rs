@@ -14,7 +14,7 @@ pub const WINDOWS: &str = "stictiond_windows";
 pub const EVENTS: &str = "stictiond_events";
 /// What people at the centre did about alarms; when it is full nothing more can be done.
 pub const ACTIONS: &str = "stictiond_actions";
-/// The latest message of each edge, worker and centre, of what an edge is the latest of each part, and the lease.
+/// The latest message of each edge, worker and centre, the latest of each part of an edge's announcement, and the lease.
 pub const LATEST: &str = "stictiond_latest";
 
 /// Subject of the lease.
@@ -31,8 +31,8 @@ const WINDOW_BYTES: i64 = 256_000_000;
 const ACTION_BYTES: i64 = 64_000_000;
 /// Most bytes of the latest messages: 100,000 loops take about 30 MB.
 const LATEST_BYTES: i64 = 256_000_000;
-/// Most bytes of one of the latest messages: four times a part of an edge's list, which is the longest. Who asks for one has it as
-/// text, a third longer, and one that were longer than an answer may be then would end the connection each time.
+/// Most bytes of one of the latest messages: four times the longest of them, a part of an edge's list. A reader gets a message as
+/// Base64, a third longer. If that were longer than an answer may be, each reader would lose its connection.
 const LATEST_MESSAGE: i32 = 1 << 19;
 
 /// All streams, with the room that a configuration gives them.
@@ -80,12 +80,12 @@ pub fn of(config: &Config) -> [stream::Config; 5] {
     ]
 }
 
-/// What a stream that is there is to be in place of `held`; nothing where it is good as it is. Without the subjects that we send to
-/// it keeps nothing of them, and without our bound it keeps messages that nobody can ask for, so both are ours. All else is left as
-/// it is: an operator may have given a stream other limits.
+/// The configuration that a stream needs in place of `held`; `None` if it is right. The subjects have to be ours, because a stream
+/// keeps no message of another subject. The longest message has to be ours, because nobody can read a longer one. All else is left
+/// as it is: an operator may have set other limits.
 pub fn mended(held: &stream::Config, wanted: &stream::Config) -> Option<stream::Config> {
     let subjects = |own: &stream::Config| own.subjects.iter().cloned().collect::<BTreeSet<String>>();
-    // A server says -1 where there is no bound, and one that we do not want is the operator's.
+    // A server says -1 where there is no bound. Where we want none, any bound is the operator's.
     let is_right = wanted.max_message_size <= 0 || held.max_message_size == wanted.max_message_size;
     if is_right && subjects(held) == subjects(wanted) {
         return None;
@@ -120,7 +120,7 @@ mod tests {
         }
     }
     #[test]
-    fn a_stream_of_an_earlier_build_gets_our_subjects_and_bound_and_keeps_its_limits() {
+    fn a_stream_of_an_earlier_version_gets_our_subjects_and_bound_and_keeps_its_limits() {
         let config: Config = toml::from_str("servers = ['nats://hub']").expect("readable");
         for wanted in of(&config) {
             // As a server says what it has.

@@ -24,8 +24,8 @@ pub enum What {
     Alarm,
     /// What somebody at the centre did about an alarm, [`Action`](super::message::Action).
     Action,
-    /// A part of what an edge is, [`HelloPart`](super::message::HelloPart); the edge's name stands in the loop's place, and the
-    /// number of the part at the end.
+    /// A part of an edge's announcement, [`HelloPart`](super::message::HelloPart). The edge's name stands in the loop's place, and
+    /// the number of the part at the end.
     Hello,
     /// That an edge or a worker is there, [`Pulse`](super::message::Pulse); its name stands in the loop's place.
     Pulse,
@@ -80,12 +80,12 @@ impl Subject {
         Self { site: site.to_string(), name: name.to_string(), what }
     }
 
-    /// Where a part of it is sent to that has this number.
+    /// The subject of the part with this number.
     pub fn part(&self, number: u32) -> String {
         format!("{self}.{number}")
     }
 
-    /// A subject as it is written; `None` for another's. The number of a part is left to its message, which has it too.
+    /// A subject as it is written; `None` for another's. The number of a part is not returned: the message has it, too.
     pub fn read(text: &str) -> Option<Self> {
         let mut parts = text.strip_prefix(PREFIX)?.strip_prefix('.')?.split('.');
         let (site, name, what) = (parts.next()?, parts.next()?, parts.next()?);

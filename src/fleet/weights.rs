@@ -12,8 +12,8 @@ use prost::bytes::Bytes;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 /// Most that a message takes once it is decoded, beside its own bytes (bytes): a report or its basis may be nearly as long as a
-/// message. With a message of the longest in the client's buffers it is less than 32 MiB. What an edge is comes in parts, and
-/// has a bound of its own, [`MOST_LIST`](super::announcement::MOST_LIST).
+/// message. Together with the longest message in the client's buffers that is less than 32 MiB. The list of an edge's loops comes in
+/// parts, and has a bound of its own, [`MOST_LIST`](super::announcement::MOST_LIST).
 pub const MOST_DECODED: usize = 15 << 20;
 
 /// Messages that were refused since the start of the process.

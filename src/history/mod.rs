@@ -112,7 +112,7 @@ pub struct History {
     past_terms: PastTerms,
 }
 
-/// What the series of terms is to its loop.
+/// The tag of the terms of write-back.
 const TERM: TagKind = TagKind::Role(Role::Term);
 
 /// The samples of one tag for a screen.
@@ -160,8 +160,8 @@ impl History {
         Self { loops: loops.to_vec(), first, rings, by_id, past_terms: PastTerms::default() }
     }
 
-    /// Keeps the terms that `before` has of loops that have no write-back any more, and gives them back to a loop that has it
-    /// again. A term that nobody ended ends `lasts` (s) after it was last said.
+    /// Takes over the terms of `before` for loops whose write-back was removed, and returns them to the ring of a loop that has it
+    /// again. A term that was never ended counts for `lasts` (s) after its last sample.
     pub fn keep_terms_of(&self, before: &History, lasts: f64) {
         fn term_ring<'h>(history: &'h History, id: &LoopId) -> Option<&'h Arc<Ring>> {
             history.tag_index(id, &TERM).and_then(|tag| history.ring(tag))
@@ -176,8 +176,8 @@ impl History {
         }
     }
 
-    /// Keeps terms of a loop that has no write-back any more, where they acted on OP that is remembered. One that nobody ended
-    /// ends `lasts` (s) after it was last said.
+    /// Keeps the terms of a loop whose write-back was removed, if they acted on OP that is still in its ring. A term that was never
+    /// ended counts for `lasts` (s) after its last sample.
     pub fn keep_terms(&self, id: &LoopId, terms: Series, lasts: f64) {
         let op = self.series(id, &TagKind::Role(Role::Op));
         if let Some(op) = op.filter(|_| self.lacks_terms(id)) {
@@ -185,7 +185,7 @@ impl History {
         }
     }
 
-    /// Whether a loop has no series of terms, as one without write-back.
+    /// Whether a loop has no ring for terms: it has no write-back.
     pub fn lacks_terms(&self, id: &LoopId) -> bool {
         self.tag_index(id, &TERM).is_none()
     }
@@ -256,7 +256,7 @@ impl History {
                 TagKind::Extra(name) => record.tags.push((name.clone(), series)),
             }
         }
-        // What OP went to the valve with while there was write-back.
+        // While there was write-back, the valve got OP plus these.
         if let Some(past) = self.past_terms.of(id) {
             record.term = Some(across(Since::of(past), false)).filter(|terms| !terms.is_empty());
         }

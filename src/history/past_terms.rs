@@ -1,5 +1,5 @@
-//! Terms of loops that have no write-back any more. OP went to the valve with them, so a diagnosis needs them as long as OP of
-//! that time is remembered.
+//! Terms of loops whose write-back was removed. While they were in force, the valve got OP plus the term. So a diagnosis needs them
+//! as long as OP of that time is in memory.
 
 use crate::signal::{LoopId, Sample, Series};
 use std::collections::HashMap;
@@ -10,8 +10,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 pub struct PastTerms(Mutex<HashMap<LoopId, Series>>);
 
 impl PastTerms {
-    /// Keeps the terms of a loop, unless there are some, or none of them acted on `op`. One that nobody ended, as of a daemon that
-    /// was killed, ends `lasts` (s) after it was last said.
+    /// Keeps the terms of a loop, unless it has some already, or none of the new ones acted on `op`. A term that was never ended,
+    /// because the daemon was killed, counts for `lasts` (s) after its last sample.
     pub fn keep(&self, id: &LoopId, mut terms: Series, op: &[Sample], lasts: f64) {
         if let Some(last) = terms.last().copied().filter(|last| last.value != 0.0) {
             terms.push(Sample::good(last.t + lasts, 0.0));

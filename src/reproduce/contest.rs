@@ -112,12 +112,16 @@ fn one_loop(case: &Case, noise: bool) -> Result<Vec<Vec<Cell>>, SpecError> {
         let band = DEAD_BAND * op_noise(&original.spec);
         let settings = format!("a {f:.2}, dead band {band:.2}");
         arena.enter(&format!("{named}, dead band"), settings, &mut *reinforcement(f, band))?;
-        // The paper's valve is the model itself.
+        // The paper's valve is one of the models, so f has no error of the models.
         let upper = diagnosis.estimate.as_ref().map(|e| without_model_error(e.f, e.f_ci95)[1]);
         let upper = upper.filter(|_| found.is_some());
         if let Some(upper) = upper {
             let settings = format!("a {upper:.2}");
-            arena.enter("CR, a = upper end of f_ci95", settings, &mut *reinforcement(upper, 0.0))?;
+            arena.enter(
+                "CR, a = upper end of the interval of f",
+                settings,
+                &mut *reinforcement(upper, 0.0),
+            )?;
         }
     }
     let amplitudes = AMPLITUDES.map(|share| share * f);

@@ -248,8 +248,8 @@ impl Board {
     pub fn follow(&mut self, kept: RestoredAlarm, change: Option<AlarmChange>, now: f64, news: &mut News) {
         let RestoredAlarm { id, saved, by, comment, detail } = kept;
         if !self.has(&id) {
-            // Of a loop that is gone how it ended is kept and told: else it would stand again when the loop is back, and nobody
-            // would know why it is there no more.
+            // The loop is gone, but the end of its alarm is kept and told. Otherwise the alarm would stand again when the loop is
+            // back, and nobody would know why it has disappeared.
             if let Some(change) = change.filter(|change| change.transition.cause == Cause::Forgotten) {
                 let transitions = vec![change.transition];
                 // A kind that is switched off here is not shown.
@@ -390,7 +390,7 @@ impl Board {
 
         // A term in force hides the friction: what is left of it is no measure of the valve.
         if let (Some(f), Some(interval), true) = (f_percent, summary.f_ci95, identifiable && !reinforced) {
-            // All diagnoses of a valve have this error in common: no rise comes of it.
+            // All diagnoses of a valve have the error of the models in common, so it causes no rise.
             let interval = without_model_error(f, interval);
             let id = of(Kind::FRising);
             let mut line = None;

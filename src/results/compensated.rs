@@ -84,8 +84,8 @@ impl Compensated {
     }
 }
 
-/// Whether two intervals of their likelihoods, each widened by a share of its f, have anything in common: the error of the models
-/// is the same for both.
+/// Whether two intervals, each widened by a share of its f, overlap. They are compared without the error of the models, which is the
+/// same for both.
 fn meet(a: &Before, b: &Before) -> bool {
     let wide = |own: &Before| {
         let [low, high] = without_model_error(own.f, own.f_ci95);

@@ -83,16 +83,16 @@ pub fn is_nothing(text: &str) -> bool {
     bare.is_empty() || NOTHING.contains(&bare)
 }
 
-/// In which time base a moment as such is kept.
+/// The time base of a moment.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum TimeBase {
     /// UTC.
     #[default]
     Utc,
-    /// That of a clock on the wall, without an offset.
+    /// Local time, without an offset.
     Civil,
-    /// Parquet's INT96 does not say: Spark and Hive keep UTC in it, Impala what the clock on the wall shows. It is read as the
-    /// latter, which is UTC where nobody tells a zone.
+    /// Parquet's INT96 does not say: Spark and Hive write UTC, Impala writes local time. It is read as local time in the zone that an
+    /// option gives, and as UTC without one.
     Int96,
 }
 

@@ -131,11 +131,11 @@ impl ZoneColumn {
     }
 }
 
-/// Whether a zone that is stated beside a time moves it.
+/// Whether a zone that the file states beside a time applies to it.
 fn is_open(time: &Cell<'_>) -> bool {
     match time {
         Cell::Text(text) => stamp::scan(text).is_some_and(|own| own.has_date() && own.offset.is_none()),
-        // INT96 is moved by a zone that somebody tells, and by no other.
+        // Only a zone given by an option applies to INT96.
         Cell::Moment { base, .. } => *base == TimeBase::Civil,
         _ => false,
     }

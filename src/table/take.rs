@@ -21,7 +21,7 @@ use std::collections::HashMap;
 pub fn record(source: Source<'_>, plan: Plan) -> Result<Table, TableError> {
     let mut series: Vec<Series> = plan.channels.iter().map(|_| Series::new()).collect();
     let mut values = 0;
-    // Sheets of a workbook are let go with the plan.
+    // The plan holds the sheets of a workbook. It is dropped here, so that they do not stay in memory beside the series.
     let (Plan { channels, .. }, mut found) = all(source, plan, &mut |at, sample| {
         series[at].push(sample);
         values += 1;

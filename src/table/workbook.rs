@@ -88,7 +88,7 @@ fn read_bytes(bytes: Vec<u8>, wanted: Option<&str>, of_record: bool) -> Result<S
     Ok(Sheet { since_1904, ..choose(book, wanted, of_record, &mut weight)? })
 }
 
-/// The names of what is in an archive; none where it is no archive.
+/// The names of the parts of an archive; none if the file is no archive.
 fn parts(bytes: Arc<[u8]>) -> Vec<String> {
     let Ok(archive) = zip::ZipArchive::new(Cursor::new(bytes)) else { return Vec::new() };
     archive.file_names().flatten().map(|name| name.into_owned()).collect()
@@ -104,8 +104,8 @@ fn archive(parts: &[String]) -> Result<(), TableError> {
     Err(TableError::refused(format!("a ZIP archive, no table: it holds {names}; unpack it first")))
 }
 
-/// Opens a workbook as the kind that it was looked at as: the library would try one after the other. `is_archive` is whether an archive
-/// stands in it.
+/// Opens a workbook as the kind that the guard looked at. The library itself would try one kind after the other. `is_archive` says
+/// whether the file has an archive in it.
 fn open(bytes: Arc<[u8]>, kind: Kind, is_archive: bool) -> Result<Book, TableError> {
     let failed =
         |error: &dyn Display| TableError::refused(format!("a workbook that cannot be read: {error}"));
@@ -115,7 +115,7 @@ fn open(bytes: Arc<[u8]>, kind: Kind, is_archive: bool) -> Result<Book, TableErr
         match open_workbook_from_rs::<Xls<_>, _>(from.clone()) {
             Ok(book) => return Ok(Sheets::Xls(book)),
             Err(error) if !is_archive => return Err(failed(&error)),
-            // An archive stands behind it.
+            // There is an archive behind the compound file: it is opened below.
             Err(_) => {}
         }
     }
@@ -165,7 +165,7 @@ fn choose(
             filled.push(sheet);
         }
     }
-    // What is made of the sheets does not count with what the library holds.
+    // The workbook is closed before the record is made: its memory is not counted together with that of the record.
     drop(book);
     match filled.len() {
         0 => Err(TableError::refused("no sheet of the workbook holds a table")),

@@ -10,7 +10,7 @@ use std::time::Duration;
 /// What the ramp to zero may take longer than its limit, for the last answers to come.
 pub(super) const GRACE: Duration = Duration::from_secs(2);
 
-/// Time after which a term in force that has not changed is said again (s): where it is not, it has ended.
+/// Time after which a term in force is recorded again although it has not changed (s). If it is not, the term has ended.
 pub const SAID_AGAIN_S: f64 = 60.0;
 
 /// `[writeback]`: the audit log.

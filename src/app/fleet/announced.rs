@@ -1,4 +1,4 @@
-//! How an edge says what it is, in parts, and how far it has come with that.
+//! How an edge announces the list of its loops in parts, and which of them the stream has.
 
 use super::inventory::hello;
 use super::{Fleet, Scene};
@@ -10,40 +10,40 @@ use crate::signal::LoopId;
 use prost::Message;
 use std::sync::Arc;
 
-/// What the stream has of an edge's announcement, as far as the edge knows.
+/// How much of its announcement an edge believes to be in the stream.
 #[derive(Default)]
 pub(super) struct Announced {
-    /// The scene that nothing more is to be said of.
+    /// The scene that needs no further announcement: it was announced, or cannot be.
     scene: Option<Arc<Scene>>,
-    /// The first part, which has the digest of the whole: another announcement has another.
+    /// The first part of the announcement under way. It has the digest of the whole list, so it identifies the announcement.
     first: Option<Outgoing>,
-    /// Parts that are kept: all before this number.
+    /// How many parts the stream has acknowledged, from the first on.
     kept: usize,
-    /// The stream may be another one by now.
+    /// Whether the stream may have been made anew, and may have lost the parts.
     is_doubted: bool,
 }
 
 impl Announced {
-    /// The stream is another one, which has nothing.
+    /// The stream was made anew and has no part.
     pub(super) fn lost(&mut self) {
         *self = Self::default();
     }
 
-    /// The server was away, or may have been: its stream may be another one when it is there again.
+    /// The server was away, or may have been: when it is back, its stream may be a new one.
     pub(super) fn doubt(&mut self) {
         self.is_doubted = true;
         if self.first.is_none() {
-            // What could not be announced may be possible then.
+            // A list that could not be announced is tried again: the server's limits may have changed.
             self.scene = None;
         }
     }
 
-    /// Where the stream is to be asked for the first part, which it has if it is the same as before.
+    /// The subject of the first part, where the stream has to be asked for it: a stream that was not made anew still has it.
     fn doubted(&self) -> Option<&str> {
         self.first.as_ref().filter(|_| self.is_doubted).map(|first| first.subject.as_str())
     }
 
-    /// The stream has this there.
+    /// Takes the stream's answer: the last message with the subject of the first part.
     fn found(&mut self, body: Option<&[u8]>) {
         if self.first.as_ref().is_some_and(|first| body == Some(&first.body[..])) {
             self.is_doubted = false;
@@ -52,12 +52,12 @@ impl Announced {
         }
     }
 
-    /// Whether nothing more is to be said of a scene.
+    /// Whether a scene needs no further announcement.
     fn is_done(&self, scene: &Arc<Scene>) -> bool {
         self.scene.as_ref().is_some_and(|own| Arc::ptr_eq(own, scene))
     }
 
-    /// Begins the announcement that has this first part, or goes on with it; how many of its parts are kept.
+    /// Begins the announcement with this first part, or goes on with it. Returns how many of its parts are kept.
     fn begin(&mut self, first: &Outgoing) -> usize {
         if self.first.as_ref() != Some(first) {
             *self = Self { first: Some(first.clone()), ..Self::default() };
@@ -65,7 +65,7 @@ impl Announced {
         self.kept
     }
 
-    /// One part more is kept.
+    /// One more part is kept.
     fn keep(&mut self) {
         self.kept += 1;
     }
@@ -75,14 +75,14 @@ impl Announced {
         self.scene = Some(scene.clone());
     }
 
-    /// A scene cannot be announced: nothing more is said of it until the server was away.
+    /// A scene cannot be announced: it is not tried again until the server was away.
     fn give_up(&mut self, scene: &Arc<Scene>) {
         *self = Self { scene: Some(scene.clone()), ..Self::default() };
     }
 }
 
 impl Fleet {
-    /// Says what this edge is, in parts. What is kept already is not said again, so that a slow line comes to an end with it.
+    /// Announces this edge in parts. Parts that the stream has are not sent again, so that a slow line gets through in the end.
     pub(super) async fn greet(
         &self,
         link: &Link,
@@ -111,12 +111,12 @@ impl Fleet {
         let parts = announcement::split(&own, &list);
         let kept = parts.first().map_or(0, |first| announced.begin(first));
         for part in parts.into_iter().skip(kept) {
-            // The next is sent once this one is kept: a centre that hears the last finds all of them.
+            // The next part is sent once this one is kept, so that a centre that hears the last part finds all of them.
             match link.send(&[part]).await {
                 Err((_, LinkError::TooLarge(bytes))) => {
                     tracing::error!(
                         bytes,
-                        "the centre does not know this edge's loops: max_payload of the NATS servers is too small"
+                        "the centre does not know this edge's loops: a part of their list is longer than the NATS servers take; raise their max_payload"
                     );
                     announced.give_up(scene);
                     return Ok(());

@@ -117,7 +117,7 @@ impl Fleet {
         let _ = known.wait_for(Option::is_some).await;
     }
 
-    /// Follows what edges say of themselves, in parts: a list of loops is fetched once its last part comes.
+    /// Follows the announcements of edges: a list of loops is fetched once its last part has come.
     async fn inventory(&self, link: &Link, app: &App) {
         // What is not in force yet, because it could not be taken.
         let mut new = false;
@@ -133,7 +133,7 @@ impl Fleet {
             loop {
                 if !lists.is_full() {
                     match reading.next(MOST, GATHER).await {
-                        // All messages are let go before the first list is fetched.
+                        // The messages are dropped before the first list is fetched, so that both are not held at once.
                         Ok(heard) => heard.iter().for_each(|own| lists.hear(own.subject(), own.bytes())),
                         Err(error) => break self.rest(&error, "what edges are is not heard").await,
                     }
@@ -146,12 +146,12 @@ impl Fleet {
                         Err(error) => tracing::error!(%error, "the loops of the edges cannot be taken"),
                     }
                 }
-                // Before that the stream may have lists that were not heard yet.
+                // Until the reading has caught up, the stream may have lists that were not heard yet.
                 if !new && reading.has_caught_up() {
                     self.settle_sites(&lists);
                 }
                 if let Err(error) = fetched {
-                    self.rest(&error, "a list of loops is not fetched").await;
+                    self.rest(&error, "a list of loops cannot be fetched").await;
                 }
             }
         }

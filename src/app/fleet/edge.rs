@@ -57,7 +57,7 @@ impl Fleet {
         let mut forward = Forward::new(&self.site, &self.name);
         // The lease as it was seen last, and when that was new.
         let mut seen: Option<(Seen, Duration)> = None;
-        // What the centre knows of us; since when nothing is forwarded, or the store cannot be read.
+        // How much of our announcement the stream has; since when nothing is forwarded, or the store cannot be read.
         let (mut announced, mut unheard_since) = (Announced::default(), None::<Duration>);
         let (mut known, mut handed) = (Alone::default(), Handed::new());
         // There was no lease at the last look.

@@ -1,4 +1,5 @@
-//! What an edge says of its loops, how a centre takes it, and the configuration that a centre makes of what all edges say.
+//! The list of loops that an edge announces, how a centre fetches and takes it, and the configuration that a centre makes of all
+//! lists.
 
 use super::lists::Lists;
 use super::{Fleet, Scene};
@@ -53,10 +54,10 @@ fn sources(scene: &Scene, own: &LoopConfig) -> Vec<Tag> {
 }
 
 impl Fleet {
-    /// Fetches and takes the lists that wait, one after the other; `new` is set where an edge has other loops than before.
+    /// Fetches and takes the lists that wait, one after the other. Sets `new` if an edge has other loops than before.
     ///
     /// # Errors
-    /// [`LinkError`]; then what is left still waits, and those before it are taken.
+    /// [`LinkError`]. The lists before the error are taken; the others still wait.
     pub(super) async fn fetch_lists(
         &self,
         link: &Link,
@@ -84,7 +85,7 @@ impl Fleet {
         Ok(())
     }
 
-    /// What the edges of a site say is not in force any more where one of their lists has yet to come or to be fetched.
+    /// Takes sites out of force of which a list has come in part only, or has yet to be fetched.
     pub(super) fn unsettle(&self, lists: &Lists) {
         let mut in_force = self.in_force.lock().unwrap_or_else(PoisonError::into_inner);
         for site in lists.unsettled() {
@@ -92,9 +93,11 @@ impl Fleet {
         }
     }
 
-    /// All lists that were taken are in force, and all messages were heard that were there at the start: what the edges of a site
-    /// say is in force from now on, unless one of their lists has yet to come or to be fetched. Samples, diagnoses and alarms are
-    /// taken once every list was fetched that was heard.
+    /// Puts sites in force, except those of which a list has come in part only, or has yet to be fetched. Once no list waits, the
+    /// centre also begins to take samples, diagnoses and alarms.
+    ///
+    /// To be called when the configuration has all lists that were taken, and all messages were heard that were in the stream at
+    /// the start.
     pub(super) fn settle_sites(&self, lists: &Lists) {
         let (now, unsettled) = (self.clock.elapsed(), lists.unsettled());
         {
@@ -110,7 +113,7 @@ impl Fleet {
         });
     }
 
-    /// Takes the list of an edge; whether that changes anything.
+    /// Takes the list of an edge. Returns whether that changes anything.
     fn take_list(&self, edge: &Subject, hello: Hello) -> bool {
         let key = (edge.site.clone(), edge.name.clone());
         let mut edges = self.edges.lock().unwrap_or_else(PoisonError::into_inner);
@@ -128,7 +131,7 @@ impl Fleet {
     }
 }
 
-/// Fetches the parts of an announcement that are left; false where one of them is not there or is of another announcement.
+/// Fetches the remaining parts of an announcement. Returns false if one of them is missing or belongs to another announcement.
 async fn fetch(link: &Link, announcement: &mut Announcement) -> Result<bool, LinkError> {
     while let Some(subject) = announcement.next_subject() {
         let last = link.last(LATEST, &subject).await?;

@@ -1,31 +1,32 @@
-//! Which lists of loops a centre has taken, and which it has yet to fetch. Pure: who hears and fetches says what came.
+//! Which lists of loops a centre has taken, and which it has yet to fetch. Pure: the caller receives messages and fetches parts.
 
 use crate::fleet::announcement::{Announcement, Heard};
 use crate::fleet::subject::Subject;
 use prost::bytes::Bytes;
 use std::collections::{HashMap, HashSet, VecDeque};
 
-/// Most lists that wait to be fetched, and most that have begun to come: as many as machines are shown.
+/// Most lists that wait to be fetched, and most that have come in part: a centre shows as many machines.
 const MOST: usize = 10_000;
 
-/// The lists of all edges.
+/// The state of the lists of all edges.
 #[derive(Default)]
 pub(super) struct Lists {
-    /// Digests of those that were taken, by edge.
+    /// Digest of the list that was taken, by edge.
     taken: HashMap<Subject, Vec<u8>>,
-    /// Announced to their ends and not fetched yet, one of an edge. Only the first may have parts, because a list is large.
+    /// Lists whose last part was heard and that are not fetched yet, at most one for each edge. Only the first may hold parts,
+    /// because a list is large.
     waiting: VecDeque<Announcement>,
-    /// Edges that have begun to announce another list than the one that was taken.
+    /// Edges of whose new list some parts were heard, but not the last.
     begun: HashSet<Subject>,
 }
 
 impl Lists {
-    /// Whether nothing more may be heard before one of them is fetched.
+    /// Whether a list has to be fetched before more messages are read.
     pub(super) fn is_full(&self) -> bool {
         self.waiting.len() >= MOST
     }
 
-    /// A message came of what an edge says of itself.
+    /// Takes a message of an announcement.
     pub(super) fn hear(&mut self, subject: &str, bytes: impl Into<Bytes>) {
         match Heard::read(subject, bytes) {
             None => {}
@@ -44,7 +45,7 @@ impl Lists {
         self.begun.remove(new.edge());
         let same = self.waiting.iter().position(|own| own.edge() == new.edge());
         if let Some(own) = same.and_then(|at| self.waiting.get_mut(at)) {
-            // One that is announced again keeps what was fetched of it.
+            // A list that is announced again keeps the parts that were fetched.
             if own.digest() != new.digest() {
                 *own = new;
             }
@@ -53,7 +54,7 @@ impl Lists {
         }
     }
 
-    /// The list that is to be fetched next. It waits no more until it is [put back](Self::put_back).
+    /// Removes the list that is to be fetched next. If that fails, the caller [puts it back](Self::put_back).
     pub(super) fn next(&mut self) -> Option<Announcement> {
         self.waiting.pop_front()
     }
@@ -63,8 +64,8 @@ impl Lists {
         self.taken.insert(edge, digest);
     }
 
-    /// A list could not be fetched to its end. One of which there are more parts than before is gone on with; otherwise the others
-    /// come first, so that it does not hold them up.
+    /// Takes back a list that could not be fetched to its end. If more of its parts were fetched than before (`has_more`), it comes
+    /// next again. Otherwise the other lists come first, so that it does not hold them up.
     pub(super) fn put_back(&mut self, mut own: Announcement, has_more: bool) {
         if has_more || self.waiting.is_empty() {
             self.waiting.push_front(own);
@@ -74,12 +75,12 @@ impl Lists {
         }
     }
 
-    /// Whether every list was fetched that was announced to its end.
+    /// Whether no list waits to be fetched.
     pub(super) fn are_fetched(&self) -> bool {
         self.waiting.is_empty()
     }
 
-    /// Sites with a list that has begun to come, or is not fetched yet.
+    /// Sites of which a list has come in part only, or has yet to be fetched.
     pub(super) fn unsettled(&self) -> HashSet<&str> {
         let waiting = self.waiting.iter().map(Announcement::edge);
         waiting.chain(&self.begun).map(|edge| edge.site.as_str()).collect()

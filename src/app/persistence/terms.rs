@@ -1,4 +1,5 @@
-//! Gives back terms of write-back to loops that have it no more: OP that the rings have again went to the valve with them.
+//! Restores the terms of loops whose write-back was removed. While they were in force, the valve got OP plus the term, so a
+//! diagnosis of OP of that time needs them.
 
 use crate::history::{History, TagKind};
 use crate::signal::{LoopId, Role, Series};
@@ -7,7 +8,7 @@ use crate::writeback::SAID_AGAIN_S;
 use std::cmp::Reverse;
 use std::collections::HashSet;
 
-/// The rings of OP are filled already.
+/// Gives the history the terms that acted on the OP in its rings. The rings of OP have to be filled before.
 pub(super) fn give_back(reader: &mut Reader, history: &History) -> Result<(), StoreError> {
     let stored = reader.tags()?;
     let terms = stored.iter().filter(|stored| stored.name.tag == Role::Term.as_str());
@@ -19,7 +20,7 @@ pub(super) fn give_back(reader: &mut Reader, history: &History) -> Result<(), St
     Ok(())
 }
 
-/// The terms that acted on the OP that the ring of a loop has, of the tags that are `stored`.
+/// The terms that acted on the OP in the ring of a loop; `stored` are all tags of the store.
 fn acted(
     reader: &mut Reader,
     history: &History,
@@ -33,7 +34,7 @@ fn acted(
     let (Some(first), Some(last), Some(spec)) = (filled.first(), filled.last(), spec) else {
         return Ok(Series::new());
     };
-    // A term is said again and again, so the one in force at the first sample of OP is among them.
+    // A term in force is recorded again each SAID_AGAIN_S, so the one in force at the first sample of OP is among them.
     let limits = [first.t - SAID_AGAIN_S, last.t + SAID_AGAIN_S];
     let term = Role::Term.as_str();
     let is_wanted = |own: &&StoredTag| {
@@ -45,13 +46,13 @@ fn acted(
     let found = reader.apart(&tags, limits, &mut |_| true)?.unwrap_or_default();
     let (terms, mut ops): (Vec<_>, Vec<_>) = found.into_iter().partition(|(tag, _)| tag.name.tag == term);
     ops.sort_by_key(|(tag, _)| Reverse(tag.era));
-    // Eras with the times of their OP that the ring has, the present one first.
+    // Each era whose OP is in the ring, with the span of that OP; the present era comes first.
     let (mut eras, mut end) = (Vec::<(i64, [f64; 2])>::new(), f64::INFINITY);
     for (tag, samples) in ops {
         let mut own = samples.iter().filter(|sample| sample.t >= first.t);
         let Some(begin) = own.next() else { continue };
         let last = own.next_back().unwrap_or(begin);
-        // The ring has none of an era that reaches into a later one.
+        // An era that overlaps a later one is not in the ring: the clock was set back.
         if last.t < end {
             eras.push((tag.era, [begin.t - SAID_AGAIN_S, end]));
             end = begin.t;
@@ -63,7 +64,7 @@ fn acted(
     for (tag, own) in &terms {
         acted.extend(own.iter().filter(|own| is_of(tag.era, own.t)));
     }
-    // What waits for a database elsewhere has no era there, and is later than what the database has.
+    // Terms in the spool are not in the database yet, so they have no era there. They are later than all that the database has.
     let all = reader.between(id.as_str(), term, limits[0], limits[1])?;
     acted.extend(all.into_iter().filter(|own| !is_known.contains(&own.t.to_bits())));
     acted.sort_by(|a, b| a.t.total_cmp(&b.t));

@@ -216,7 +216,7 @@ fn look(
             Some(Evidence {
                 sticky: sticky.iter().all(|verdict| **verdict == Verdict::Stiction),
                 f,
-                // The diagnosis for which it was granted has the error of the models, too.
+                // Compared with the interval of the grant: both have the error of the models in common.
                 f_ci95: without_model_error(f, f_ci95),
                 at: run.finished,
             })

@@ -33,7 +33,7 @@ pub struct Report {
     pub reason_code: Option<String>,
     /// Friction parameter, S/2 (`f_unit`); null only when not identifiable.
     pub f: Option<f64>,
-    /// 95 % profile-likelihood interval of f (`f_unit`).
+    /// 95 % interval of f: that of the profile likelihood, with the error of the valve models (`f_unit`).
     pub f_ci95: Option<[f64; 2]>,
     /// Unit of everything that is measured along OP: `% OP`, or `OP units` where the span is not known.
     pub f_unit: String,

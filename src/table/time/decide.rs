@@ -144,7 +144,7 @@ impl Times {
     /// # Errors
     /// Letters or words that do not say whose zone it is, where times have no offset.
     fn stated_zone(&self, column: &Column<'_>) -> Result<Option<Zone>, TableError> {
-        // INT96 is UTC where nobody tells its zone: Spark writes it beside a column with the zone of the plant.
+        // INT96 is UTC unless an option gives its zone: Spark writes UTC beside a column with the zone of the plant.
         if self.base == Some(TimeBase::Int96) {
             return Ok(None);
         }
@@ -316,10 +316,10 @@ impl Times {
         )
     }
 
-    /// How moments as such are kept, and in which zone they are read; `zone` is that of a clock on the wall.
+    /// How moments are stored, and in which zone they are read; `zone` is the text for local times.
     fn moments_said(&self, zone: &str, has_zone: bool) -> String {
         let zone = match self.base {
-            // No other zone moves them.
+            // No other zone applies to them.
             Some(TimeBase::Utc) => " (UTC)".to_string(),
             Some(TimeBase::Int96) if has_zone => format!(" (INT96, {}", zone.trim_start_matches([' ', '('])),
             Some(TimeBase::Int96) => " (INT96, UTC; --tz decides)".to_string(),

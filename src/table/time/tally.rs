@@ -247,7 +247,7 @@ pub struct Times {
     minutes: u64,
     /// Moments as such (s).
     pub moments: Track,
-    /// The time base of the first of them: all of a column have the same.
+    /// The time base of the first moment: all of a column have the same.
     pub base: Option<TimeBase>,
     /// By the pattern that was told.
     pub formatted: Track,

@@ -10,32 +10,38 @@ use crate::table::error::TableError;
 use calamine::{Cell, Data, Dimensions};
 use encoding_rs::UTF_16LE;
 
-/// Cells that a sheet may always say it has, beyond what is weighed: 65,536 rows, which some programs tell whatever there is, with
-/// twelve columns. Room for them takes 32 MB, and is touched for cells only.
+/// Cells that a sheet may always claim to have, without their being counted: 65,536 rows of twelve columns. Some programs claim as
+/// many rows whatever there is. The library reserves 32 MB for them, and writes only to the room of cells that exist.
 const FEW_TOLD: u64 = 3 << 18;
-/// How many times the bytes of all records those of the sheets may be: each should belong to one sheet.
+/// How many times the bytes of all records the sheets may have together: each record should belong to one sheet.
 const TIMES_WALKED: u64 = 8;
-/// Most bytes that the library takes for a byte of a text, in any encoding: four of UTF-8, and as many while it grows. The same for
-/// a byte of UTF-8 of a shared text, which another encoding makes longer; for one of a list, which grows; and for a character of a
-/// name.
+/// Most bytes that the library takes for a byte of a text, in any encoding: four of UTF-8, and as many while the text grows.
 const OF_A_BYTE: u64 = 8;
+/// Most bytes for a byte of UTF-8 of a shared text, which is longer in another encoding.
 const OF_A_SHARED_BYTE: u64 = 2;
+/// Most bytes for a byte of UTF-8 of a shared text in the library's list, where the text grows.
 const OF_A_LISTED_BYTE: u64 = 4;
+/// Most bytes for a character of a name.
 const OF_A_CHARACTER: u64 = 6;
-/// Bytes that the library takes for a cell in the list of a sheet's cells, for its value, for a formula in the list of them, for the
-/// least text of one that it cannot write, and for cells that are joined.
+/// Bytes that the library takes for a cell in the list of a sheet's cells.
 const CELL: u64 = size_of::<Cell<Data>>() as u64;
+/// Bytes of the value of a cell.
 const VALUE: u64 = size_of::<Data>() as u64;
+/// Bytes of a formula in the list of a sheet's formulas, without its text.
 const FORMULA_OF_CELL: u64 = size_of::<Cell<String>>() as u64;
+/// Bytes of the text that stands for a formula that the library cannot write.
 const NO_FORMULA: u64 = 128;
+/// Bytes that the library takes for a range of merged cells.
 const JOINED: u64 = size_of::<Dimensions>() as u64;
-/// Bytes of cells that are joined in their record; of a number among many in one, and of what stands around these.
+/// Bytes of a range of merged cells in its record.
 const JOINED_LEN: usize = 8;
+/// Bytes of one number in a record of many, and of the fields around the numbers: row, first and last column.
 const NUMBER_LEN: usize = 6;
-/// Bytes that the library takes for a sheet or a name of cells, in lists that grow, and for each byte of the record.
+/// Bytes that the library takes for a sheet or a name of cells, in lists that grow.
 const ENTRY: u64 = 1024;
+/// Bytes that it takes for each byte of the record of one.
 const OF_AN_ENTRY: u64 = 12;
-/// Bytes of the place of a record that continues another, in a list that grows; they move when the one before it is taken.
+/// Bytes of an entry in the library's list of records that continue another. It moves when the entry before it is removed.
 const PLACE: u64 = 16;
 
 /// Records: how what follows is encrypted, begin and end of a part, a sheet's place, names of cells, the texts that cells share and
@@ -57,10 +63,10 @@ const SHARED_TEXT: u16 = 0x00fd;
 const OWN_TEXTS: [u16; 2] = [0x0204, 0x00d6];
 const OTHER_CELLS: [u16; 3] = [0x0203, 0x0205, 0x027e];
 
-/// Adds what a stream of records would take.
+/// Adds the memory that a stream of records would take.
 ///
 /// # Errors
-/// A stream of which would become far more than it is.
+/// A stream that would take too much memory or time, or is encrypted.
 pub fn look(book: &[u8], weight: &mut Weight) -> Result<(), TableError> {
     let Some(wrong) = wrong(book, weight) else { return Ok(()) };
     Err(TableError::refused(format!(
@@ -163,11 +169,11 @@ fn name_of(data: &[u8]) -> String {
 struct Shared {
     /// Bytes of each text that cells name by its number.
     texts: Vec<u32>,
-    /// Bytes that the library takes for the lists of them, and of what continues a record, while it opens the workbook.
+    /// Bytes that the library takes while it opens the workbook, for its lists of these texts and of records that continue others.
     taken: u64,
     /// Bytes of the longest name of a sheet or of cells.
     longest: u64,
-    /// Sheets and names of cells, and the bytes of their records.
+    /// How many sheets and names of cells there are, and the bytes of their records.
     entries: (u64, u64),
     /// Parts that the texts are cut into, and bytes that are moved to put them together.
     parts: usize,
@@ -230,12 +236,15 @@ impl Shared {
 struct Reach {
     rows: Option<(u16, u16)>,
     columns: Option<(u16, u16)>,
-    /// The cells that it says it has, and those that it has.
+    /// How many cells it claims to have.
     told: u64,
+    /// How many records of cells it has.
     count: u64,
-    /// Formulas of cells, cells that are joined, and records that continue others.
+    /// How many formulas of cells it has.
     formulas: u64,
+    /// How many ranges of merged cells it has.
     joined: u64,
+    /// How many records continue others.
     continued: u64,
     /// Bytes of the texts of its cells.
     text: u64,
@@ -293,7 +302,7 @@ impl Reach {
         reach
     }
 
-    /// So many cells, of which one is there.
+    /// Counts cells, one of which is at `place`.
     fn take(&mut self, place: Option<(u16, u16)>, count: u64) {
         let Some((row, column)) = place else { return };
         let wider = |from_to: Option<(u16, u16)>, at: u16| {
@@ -314,7 +323,7 @@ impl Reach {
         count(self.rows) * count(self.columns)
     }
 
-    /// Bytes of its texts and formulas. A formula grows while it is written.
+    /// Bytes of its texts and formulas. The text of a formula grows while the library writes it.
     fn texts(&self) -> u64 {
         let formulas = self.made.text.saturating_mul(2).saturating_add(self.formulas * NO_FORMULA);
         self.text.saturating_add(formulas)
@@ -327,14 +336,14 @@ impl Reach {
         self.cells().saturating_mul(each).saturating_add(self.texts()).saturating_add(joined)
     }
 
-    /// Bytes that the library takes for the lists of its cells and formulas while it opens the workbook: room for the cells that it
-    /// was told of, and lists that grow.
+    /// Bytes that the library takes for the lists of its cells and formulas while it opens the workbook: room for the cells that the
+    /// sheet claims to have, and lists that grow.
     fn listed(&self) -> u64 {
         let lists = CELL * self.count + FORMULA_OF_CELL * self.formulas + PLACE * self.continued;
         self.told.saturating_sub(FEW_TOLD).saturating_mul(CELL).saturating_add(GROWING * lists)
     }
 
-    /// Bytes of a copy of its cells.
+    /// Bytes of the copy of its cells that the library hands to us.
     fn handed(&self) -> u64 {
         self.cells().saturating_mul(VALUE).saturating_add(self.text)
     }

@@ -1,5 +1,5 @@
-//! What the library that opens workbooks makes of the tables of an OpenDocument sheet: of a cell that is said to be there a
-//! thousand times it makes a thousand.
+//! How much memory the library takes for the tables of an OpenDocument spreadsheet. It makes a thousand cells of one that is said to
+//! be repeated a thousand times.
 
 use super::limits::{GROWING, TEXT, Weight, heap};
 use super::tags::{Tag, Tags, attributes, number};
@@ -9,10 +9,10 @@ use std::io::{self, BufRead};
 /// Rows and columns at which the library stops repeating.
 const MAX_ROWS: u64 = 1 << 20;
 const MAX_COLUMNS: u64 = 1 << 14;
-/// Bytes that it takes for the value of a cell; beside it is the text of its formula.
+/// Bytes that it takes for the value of a cell, without the text of its formula.
 const VALUE: u64 = size_of::<Data>() as u64;
-/// Bytes that it takes for a cell as it is written, in a list of values and one of formulas: both may have twice the room that they
-/// need, and one of them grows.
+/// Bytes that it takes for a cell while it reads the rows: it has a list of values and a list of formulas. Both may have twice the
+/// room that they need, and one of them grows.
 const WRITTEN: u64 = 2 * VALUE + GROWING * TEXT;
 
 const CELLS: [&[u8]; 2] = [b"table:table-cell", b"table:covered-table-cell"];
@@ -20,11 +20,11 @@ const CELLS: [&[u8]; 2] = [b"table:table-cell", b"table:covered-table-cell"];
 /// What is made of a table.
 #[derive(Debug, Default, PartialEq, Eq)]
 struct Table {
-    /// Cells of its rows as they are written, with the blank ones between others.
+    /// Cells of its rows as they are written, with blank cells between others.
     written: u64,
     /// Cells of all rows as often as they are repeated, each as wide as the widest.
     cells: u64,
-    /// Whether rows are repeated among them.
+    /// Whether any of its rows is repeated.
     is_repeated: bool,
     /// Whether it has formulas.
     has_formulas: bool,
@@ -38,7 +38,7 @@ impl Table {
     fn add_to(&self, weight: &mut Weight) {
         let each = VALUE + if self.has_formulas { TEXT } else { 0 };
         let all = self.cells.saturating_mul(each);
-        // There is room for the rows as they are written: where they are repeated it grows.
+        // The library makes room for the rows as they are written. If rows are repeated, the list grows.
         let kept = if self.is_repeated { all.saturating_mul(2) } else { all };
         let growing = if self.is_repeated { all } else { 0 };
         weight.library(kept.saturating_add(self.text));
@@ -48,8 +48,8 @@ impl Table {
     }
 }
 
-/// Adds what the library would make of a document. It is counted high rather than low where that is simpler. Whether the document
-/// ends within a table: the library would wait for its end without one.
+/// Adds the memory that the library would take for a document, counted high where that is simpler. Returns whether the document ends
+/// within a table: the library would then wait for the table's end forever.
 ///
 /// # Errors
 /// What the reader said.
@@ -64,8 +64,8 @@ pub fn look(tags: &mut Tags<impl BufRead>, weight: &mut Weight) -> io::Result<bo
     Ok(false)
 }
 
-/// One table: each row as it is written, and then all of them as often as they are repeated and as wide as the widest. `None` where
-/// the document ends before it.
+/// Counts one table: the rows as they are written, and all rows as often as they are repeated, each as wide as the widest. `None` if
+/// the document ends before the table does.
 fn table(tags: &mut Tags<impl BufRead>) -> io::Result<Option<Table>> {
     let (mut table, mut left, mut rows, mut width) = (Table::default(), MAX_ROWS, 0u64, 0u64);
     let (mut blank, mut is_blank_repeated) = (0u64, false);

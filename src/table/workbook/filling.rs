@@ -1,4 +1,4 @@
-//! A sheet that is filled cell by cell, and counted while it is.
+//! A sheet that is filled cell by cell, while its memory is counted.
 
 use super::limits::{GROWING, Weight, heap};
 use super::{Held, MAX_COLUMNS, Row, Sheet};
@@ -6,19 +6,21 @@ use crate::signal::Sample;
 use crate::table::error::TableError;
 use crate::table::layout::LOOKED_AT;
 
-/// Bytes of a cell, and of a row in a list that grows.
+/// Bytes of a cell.
 const CELL: u64 = size_of::<Held>() as u64;
+/// Bytes of a row, without its cells, in a list that grows.
 const ROW: u64 = GROWING * size_of::<Row>() as u64;
-/// Bytes that are made of a cell when the sheet is read: a sample in a series that grows, or the cell as it is looked at among the
-/// first rows.
+/// Bytes that a cell takes later, when the record is made: a sample in a series that grows. A cell of the first rows, which are
+/// looked at for the header, takes no more.
 const MADE: u64 = GROWING * size_of::<Sample>() as u64;
-/// Bytes of the counts beside a text that cells may share.
+/// Bytes of the two reference counts of a text, which is an `Arc<str>`.
 const COUNTS: u64 = 2 * size_of::<usize>() as u64;
-/// Numbers that are written with few digits, and most bytes of all others.
+/// Numbers that take few digits as text.
 const SHORT: std::ops::Range<f64> = 1e-5..1e16;
+/// Most bytes of any other number as text: the smallest has more than 300 zeros.
 const LONG: u64 = 400;
 
-/// A sheet on the way.
+/// A sheet that is being filled.
 pub struct Filling<'f> {
     rows: Vec<Row>,
     name: &'f str,
@@ -30,17 +32,17 @@ impl<'f> Filling<'f> {
         Self { rows: Vec::new(), name, weight }
     }
 
-    /// One more cell, by its row and column from 0. Blank cells before it in its row take room as well.
+    /// Adds a cell, by its row and column from 0. Blank cells before it in its row take memory as well.
     ///
     /// # Errors
-    /// A workbook that takes too much.
+    /// A workbook that would take too much memory.
     pub fn put(&mut self, (row, column): (u32, u32), held: Held) -> Result<(), TableError> {
         if matches!(held, Held::Blank) || column >= MAX_COLUMNS {
             return Ok(());
         }
         let (line, at) = (u64::from(row) + 1, column as usize);
         let is_new = self.rows.last().is_none_or(|(last, _)| *last != line);
-        // Blank cells are looked at in the first rows; below them no sample is made of one.
+        // In the first rows, which are looked at for the header, blank cells take memory later; below, they make no sample.
         let is_looked_at = self.rows.len() + usize::from(is_new) <= LOOKED_AT;
         let (made_of_room, made_of_cell) = if is_looked_at { (MADE, 0) } else { (0, MADE) };
         if is_new {

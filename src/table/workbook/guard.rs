@@ -1,5 +1,5 @@
-//! Looks at a workbook before the library opens it, which believes what the file says of itself: how many texts it has, how often
-//! a cell is there, how long a record is. Where memory cannot be had the process ends, and every loop that it watches with it.
+//! Looks at a workbook before the library opens it. The library believes what the file says of itself: how many texts it has, how
+//! often a cell is repeated, how long a record is. A process that cannot allocate memory ends, and then no loop is watched.
 
 use super::limits::{self, GROWING, TEXT, Weight};
 use super::opened::{Archive, Kind, PART_OF_OPEN_DOCUMENT, relation, small};
@@ -14,30 +14,31 @@ use std::io::{self, BufRead, BufReader, Cursor};
 const FEW_TEXTS: u64 = 1 << 18;
 /// Bytes that the library takes for a format of cells, in a list that grows, beside two names.
 const FORMAT: u64 = GROWING * size_of::<Style>() as u64;
-/// Bytes that a ZIP library and the one for workbooks take for a part of an archive, and for each byte of its name.
+/// Bytes that the libraries for ZIP and for workbooks take for a part of an archive.
 const PART: u64 = 2048;
+/// Bytes that they take for each byte of its name.
 const OF_A_NAME: u64 = 8;
-/// How many times the bytes of the longest element the library takes while it reads it: as it was read and as text, each of which
-/// grows.
+/// How many times the bytes of the longest element the library takes while it reads it. It has the bytes and their text, each in a
+/// growing buffer.
 const BUFFERS: u64 = 2 * GROWING;
 
-/// What a workbook of a kind would take at most to be read, but for the sheets as they are kept.
+/// The most memory that opening a workbook of this kind would take, without the sheets as we keep them.
 ///
 /// # Errors
-/// A workbook that would take more than one of its bytes may.
+/// A workbook that would take more than is allowed for its size.
 pub fn look(bytes: &[u8], kind: Kind) -> Result<Weight, TableError> {
     let mut weight = Weight::of(bytes.len() as u64);
     if bytes.starts_with(kinds::OLE) {
-        // An archive may stand behind it, which is opened where there is no workbook in it.
+        // An archive may follow it. The library opens that if it finds no workbook in the compound file.
         ole::look(bytes, &mut weight)?;
     }
-    // What cannot be opened here cannot be opened there.
+    // What cannot be opened as an archive here, the library cannot open either.
     let Ok(mut archive) = Archive::new(Cursor::new(bytes)) else { return Ok(weight) };
     for name in archive.file_names_raw() {
         weight.library(PART + OF_A_NAME * name.len() as u64);
     }
     let most = limits::bytes(weight.own());
-    // No part gives more than it says here: reading it ends with an error.
+    // A part that unpacks to more than the size given here is not read on: the ZIP library returns an error.
     let sizes = (0..archive.len()).filter_map(|at| archive.by_index(at).ok().map(|part| part.size()));
     if sizes.fold(0, u64::saturating_add) > most {
         return Err(TableError::refused(format!(
@@ -68,8 +69,8 @@ fn refused(wrong: &str) -> TableError {
     TableError::refused(format!("a workbook {wrong}; save it again, or the columns that are needed as CSV"))
 }
 
-/// What a part says of itself that cannot be, by its name in small letters and the kind of its workbook. What it takes is added to the
-/// weight.
+/// What is wrong with a part, if anything, by its name in small letters and the kind of its workbook. Adds the memory that it takes
+/// to the weight.
 fn wrong(small: &str, part: impl BufRead, kind: Kind, weight: &mut Weight) -> io::Result<Option<String>> {
     if small.ends_with(".bin") {
         return xlsb::look(small, part, kind == Kind::Binary, weight).map(|()| None);
@@ -81,14 +82,15 @@ fn wrong(small: &str, part: impl BufRead, kind: Kind, weight: &mut Weight) -> io
     } else {
         of_excel(&mut tags, kind, weight)?
     };
-    // The library takes all of a manifest into one buffer.
+    // The library reads all of a manifest into one buffer.
     let longest = if small.ends_with("manifest.xml") { tags.at } else { tags.longest };
     weight.library(tags.listed);
     weight.buffer(BUFFERS.saturating_mul(longest));
     Ok(wrong)
 }
 
-/// A part in XML of a workbook of Excel: its texts, its formats, its lists of parts, in any folder and under any name.
+/// Looks at an XML part of a workbook of Excel for texts, formats and lists of parts. They are found by their elements, whatever the
+/// part is called.
 fn of_excel(tags: &mut Tags<impl BufRead>, kind: Kind, weight: &mut Weight) -> io::Result<Option<String>> {
     let (mut told, mut texts, mut formats, mut longest, mut is_kept) = (None, 0u64, 0u64, 0u64, false);
     let mut is_of_cells = false;
@@ -99,8 +101,8 @@ fn of_excel(tags: &mut Tags<impl BufRead>, kind: Kind, weight: &mut Weight) -> i
         match name {
             b"sst" => told = told.or(Some(number(written, "uniqueCount"))),
             b"si" => texts += 1,
-            // The library keeps the formats of this list alone. Its end is not looked for: it may stand within a format, where the
-            // library does not take it for one, and no other list of them follows.
+            // The library keeps the formats of this list only. The end of the list is not looked for: an end tag within a format
+            // does not count for the library, and no other list of formats follows.
             b"cellXfs" => is_of_cells = true,
             b"xf" => formats += u64::from(is_of_cells),
             b"numFmt" | b"name" => longest = longest.max(written.len() as u64),
@@ -114,11 +116,11 @@ fn of_excel(tags: &mut Tags<impl BufRead>, kind: Kind, weight: &mut Weight) -> i
     if told > FEW_TEXTS.max(tags.at) {
         return Ok(Some(format!("says that it holds {told} texts, in {} bytes", tags.at)));
     }
-    // The library makes room for as many as it is told of; where there are more, its list grows.
+    // The library makes room for as many texts as the file claims. If there are more, its list grows.
     let room = if texts <= told { told } else { texts.saturating_mul(GROWING) };
     weight.library(room.saturating_mul(TEXT).saturating_add(texts.saturating_mul(limits::heap(1))));
     if is_kept {
-        // Texts that are put together of several grow.
+        // A text that is put together of several pieces grows.
         weight.library(tags.at.saturating_mul(2));
     }
     weight.library(formats.saturating_mul(longest.saturating_mul(2).saturating_add(FORMAT)));

@@ -1,56 +1,59 @@
 //! How much memory and work a workbook may take for its bytes.
 
-/// Bytes of memory that a workbook may always take beyond its own bytes, and how many times its own: as for Parquet.
+/// Bytes of memory that reading a workbook may always take, the file itself among them: as for Parquet.
 const FEW_BYTES: u64 = 16_000_000;
+/// How many times its own bytes a larger workbook may take: as for Parquet.
 const TIMES: u64 = 64;
-/// Bytes that no workbook may take: Excel's most rows with a dozen columns fit, with the record that is made of them.
+/// Most bytes of memory for any workbook. A sheet with the most rows that Excel has and a dozen columns fits, with its record.
 const MOST_BYTES: u64 = 1 << 31;
-/// Bytes that may always be moved while texts are put together, which takes less than a second, and how many times the own ones.
+/// Bytes that may always be moved while the library puts texts together: that takes less than a second.
 const FEW_MOVED: u64 = 1 << 31;
+/// How many times the bytes of a larger file may be moved.
 const TIMES_MOVED: u64 = 1 << 13;
-/// Bytes of the header of a text in a list of the library.
+/// Bytes of a `String` itself, without its characters: the library keeps its texts in lists of these.
 pub const TEXT: u64 = size_of::<String>() as u64;
-/// How many times the bytes of its entries a list takes that grows: it doubles, and the old one is there while the new one is filled.
+/// How many times the bytes of its entries a growing list takes: its room doubles, and the old room is there while the new one is
+/// filled.
 pub const GROWING: u64 = 3;
 
-/// Bytes of memory that may be taken for a workbook of so many bytes.
+/// Most bytes of memory that reading a workbook of `own` bytes may take.
 pub fn bytes(own: u64) -> u64 {
     FEW_BYTES.max(own.saturating_mul(TIMES)).min(MOST_BYTES)
 }
 
-/// Bytes that may be moved while texts are made of so many.
+/// Most bytes that the library may move while it puts texts together from `own` bytes.
 pub fn moved(own: u64) -> u64 {
     FEW_MOVED.max(own.saturating_mul(TIMES_MOVED))
 }
 
-/// Bytes that an allocator takes for so many: it rounds them up.
+/// Bytes that an allocator takes for so many: it rounds up to multiples of 16.
 pub fn heap(bytes: u64) -> u64 {
     const STEP: u64 = 16;
     bytes.saturating_add(STEP - 1) / STEP * STEP
 }
 
-/// The memory that reading a workbook takes at most, counted before it is taken. Every guard adds to it what it finds. Nothing is
-/// counted low, so what is counted high is the price of a simple sum.
+/// An upper bound on the memory that reading a workbook takes, counted before it is allocated. Each guard adds what it finds. The
+/// sum is simple, so parts of it are counted high; none is counted low.
 #[derive(Debug)]
 pub struct Weight {
     /// Bytes of the file.
     own: u64,
-    /// What the library holds as long as it has the workbook (bytes), its own copy of the file among it.
+    /// What the library holds as long as the workbook is open, with the file itself (bytes).
     library: u64,
     /// Its largest buffer (bytes).
     buffer: u64,
-    /// What it takes at most beside these while it opens the workbook (bytes).
+    /// The most that it holds besides, at any moment while it opens the workbook (bytes).
     opening: u64,
-    /// The largest sheet that it hands over (bytes).
+    /// The largest copy of a sheet that it hands to us (bytes).
     handed: u64,
-    /// The sheets as they are kept (bytes).
+    /// The sheets as we keep them (bytes).
     kept: u64,
-    /// What is made of these when the library is gone (bytes).
+    /// What is made of the sheets once the workbook is closed (bytes).
     made: u64,
 }
 
 impl Weight {
-    /// Of a file of so many bytes of which nothing is known.
+    /// The bound for a file of `own` bytes, before any guard has looked at it.
     pub fn of(own: u64) -> Self {
         Self { own, library: own, buffer: 0, opening: 0, handed: 0, kept: 0, made: 0 }
     }
@@ -92,7 +95,7 @@ impl Weight {
         with_library.max(self.kept.saturating_add(self.made))
     }
 
-    /// What a workbook that takes too much would do; `None` for one that may be read.
+    /// What is wrong with a workbook that would take too much memory; `None` for one that may be read.
     pub fn over(&self) -> Option<String> {
         let (taken, most, own) = (self.taken(), bytes(self.own), self.own);
         (taken > most).then(|| {

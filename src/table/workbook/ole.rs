@@ -17,10 +17,10 @@ const SMALL_STREAM: usize = 4096;
 /// Bytes of an entry of the directory.
 const ENTRY: usize = 128;
 
-/// Adds what a file would take.
+/// Adds the memory that a file would take.
 ///
 /// # Errors
-/// One that would take far more memory than it has bytes.
+/// A file that is damaged, or would take too much memory.
 pub fn look(bytes: &[u8], weight: &mut Weight) -> Result<(), TableError> {
     let (book, beside) = book(bytes).ok_or_else(|| {
         TableError::refused(
@@ -28,7 +28,7 @@ pub fn look(bytes: &[u8], weight: &mut Weight) -> Result<(), TableError> {
              or the columns that are needed as CSV",
         )
     })?;
-    // The library holds all sectors, in a list with twice the room, and copies what is in the chains.
+    // The library holds all sectors, in a list with twice the room that they need, and copies of the chains.
     weight.library(bytes.len() as u64 * 2);
     weight.library((book.len() as u64 + beside) * GROWING);
     biff::look(&book, weight)
@@ -58,7 +58,7 @@ impl Sectors<'_> {
     /// A chain from its first sector on, up to so many bytes; `None` where it does not end.
     fn chain(&self, first: u32, table: &[u32], most: usize) -> Option<Vec<u8>> {
         let (mut out, mut id) = (Vec::new(), first);
-        // Each sector once, and the last may be cut.
+        // A chain has each sector at most once, and the last sector may be cut.
         for _ in 0..=self.bytes.len() / self.size + 1 {
             if id == END {
                 return Some(out);

@@ -1,17 +1,18 @@
-//! Which parts of an archive the library opens as XML. The others are not looked at: macros, forms and models of data may have any
-//! form.
+//! Which parts of an archive the library opens as XML. The others are not looked at: macros, forms and data models may hold
+//! anything.
 
 use super::tags::{Tag, Tags, attributes, local};
 use super::xlsb;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, BufReader, Cursor};
 
-/// What is in every workbook of Excel that is an archive, and in every one of OpenDocument.
+/// A part that every workbook of Excel has that is an archive.
 pub const PART_OF_EXCEL: &str = "[Content_Types].xml";
+/// The part of OpenDocument that has the sheets.
 pub const PART_OF_OPEN_DOCUMENT: &str = "content.xml";
-/// The part of OpenDocument that tells whether the others are encrypted, and the list of an `.xlsx` that leads to its workbook, in
-/// small letters.
+/// The part of OpenDocument that tells whether the others are encrypted, in small letters.
 const MANIFEST: &str = "meta-inf/manifest.xml";
+/// The list of parts of an `.xlsx` that leads to its workbook, in small letters.
 const PACKAGE: &str = "_rels/.rels";
 /// Parts of an `.xlsx` that lie in the folder of its workbook, in small letters.
 const BESIDE: [&str; 3] = ["sharedstrings.xml", "styles.xml", "theme/theme1.xml"];
@@ -19,7 +20,7 @@ const BESIDE: [&str; 3] = ["sharedstrings.xml", "styles.xml", "theme/theme1.xml"
 /// An archive in memory.
 pub type Archive<'b> = zip::ZipArchive<Cursor<&'b [u8]>>;
 
-/// As what the library opens an archive.
+/// The kind of workbook as which the library opens an archive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// `.xlsx`
@@ -31,7 +32,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// The kind that the names of its parts make it.
+    /// The kind of an archive, by the names of its parts.
     pub fn of(parts: &[String]) -> Self {
         let has = |own: &str| parts.iter().any(|name| name == own);
         if parts.iter().any(|name| small(name) == xlsb::BOOK) {
@@ -43,8 +44,8 @@ impl Kind {
         }
     }
 
-    /// The names, in small letters, of all parts that the library opens as XML, and of few others. A list of parts is read until its
-    /// entries take more than `most` bytes in the library: such a workbook is refused for that.
+    /// The names, in small letters, of all parts that the library opens as XML, and of a few others. A list of parts is not read
+    /// beyond the entries that take `most` bytes in the library: such a workbook is refused later.
     pub fn opened(self, archive: &mut Archive<'_>, most: u64) -> BTreeSet<String> {
         match self {
             Self::Excel => of_excel(archive, most),
@@ -54,12 +55,12 @@ impl Kind {
     }
 }
 
-/// The name of a part as the library looks for it: it takes capital letters for small ones, and either slash for the other.
+/// The name of a part as the library compares it: it ignores case, and takes `\` for `/`.
 pub fn small(name: &str) -> String {
     name.to_ascii_lowercase().replace('\\', "/")
 }
 
-/// The parts of an `.xlsx`: the list of the package leads to the workbook, and a list beside that to the sheets.
+/// The parts of an `.xlsx`: the list of the package names the workbook, and a list beside the workbook names the sheets.
 fn of_excel(archive: &mut Archive<'_>, most: u64) -> BTreeSet<String> {
     let package = BTreeMap::from([(PACKAGE.to_string(), String::new())]);
     let books = listed(archive, &package, most);
@@ -75,8 +76,8 @@ fn of_excel(archive: &mut Archive<'_>, most: u64) -> BTreeSet<String> {
     opened
 }
 
-/// The names, in small letters, of the workbooks and sheets in lists of parts; `lists` has the names of these, and the folder that
-/// the places in each begin in.
+/// The names, in small letters, of the workbooks and sheets that lists of parts name; `lists` has the name of each list, and the
+/// folder that its paths are relative to.
 fn listed(archive: &mut Archive<'_>, lists: &BTreeMap<String, String>, most: u64) -> BTreeSet<String> {
     let folder_of = |name: &str| lists.get(&small(name)).cloned();
     let found: Vec<Option<String>> =
@@ -86,7 +87,7 @@ fn listed(archive: &mut Archive<'_>, lists: &BTreeMap<String, String>, most: u64
         let Some(folder) = folder else { continue };
         let Ok(part) = archive.by_index(at) else { continue };
         let mut tags = Tags::new(BufReader::new(part));
-        // What is wrong with a list is told when it is looked at as a part.
+        // An error in a list is reported when the list itself is looked at as a part.
         while let Ok(Some(tag)) = tags.tag() {
             if let Tag::Begin(name, written) = tag
                 && local(name) == b"Relationship"
@@ -106,7 +107,7 @@ fn listed(archive: &mut Archive<'_>, lists: &BTreeMap<String, String>, most: u64
     names
 }
 
-/// The places of a workbook or a sheet among the attributes of a part in a list.
+/// The paths in an entry of a list of parts, if the entry is a workbook or a sheet.
 fn places(written: &[u8]) -> impl Iterator<Item = &[u8]> {
     const KINDS: [&[u8]; 4] = [b"officeDocument", b"worksheet", b"chartsheet", b"dialogsheet"];
     let is_looked_for = attributes(written)
@@ -117,15 +118,15 @@ fn places(written: &[u8]) -> impl Iterator<Item = &[u8]> {
     targets.filter(move |_| is_looked_for)
 }
 
-/// Whether a place is one that is looked at as XML, in whatever folder.
+/// Whether the part at a path is looked at as XML, in any folder.
 fn is_looked_at(place: &[u8]) -> bool {
     xlsb::is_plain(place) && !place.contains(&b'\\') && place.to_ascii_lowercase().ends_with(b".xml")
 }
 
-/// Refuses a list of parts that has a sheet, or the list of sheets, in a part that is not looked at, or under a long name.
+/// Looks at an entry of a list of parts: a workbook or a sheet has to be in a part that is looked at.
 ///
 /// # Errors
-/// A place where Excel puts neither.
+/// A path where Excel puts neither.
 pub fn relation(written: &[u8]) -> io::Result<()> {
     match places(written).find(|place| !is_looked_at(place)) {
         Some(place) => Err(xlsb::misplaced(place)),

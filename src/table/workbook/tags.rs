@@ -4,22 +4,26 @@
 use super::limits::{self, GROWING, TEXT};
 use std::io::{self, BufRead, Read};
 
-/// Most bytes of a tag: a text of Excel's has fewer. Those of a name, and levels of tags within tags: spreadsheets have a dozen.
+/// Most bytes of a tag: even the longest text that Excel takes has fewer.
 const LONGEST_TAG: usize = 1 << 20;
+/// Most bytes of an element's name: those of spreadsheets have some dozens.
 const LONGEST_NAME: usize = 1 << 8;
+/// Most levels of elements within elements: spreadsheets have a dozen.
 const DEEPEST: usize = 1 << 8;
-/// Elements of which the library keeps a list, without their prefixes; bytes that it takes for one, the place of its part among
-/// them, and for each of its own.
+/// Elements of which the library keeps a list, without their prefixes.
 const LISTED: [&[u8]; 8] =
     [b"Relationship", b"border", b"fill", b"font", b"numFmt", b"sheet", b"style", b"table"];
+/// Bytes that it takes for one of these, with the path of its part.
 const ENTRY: u64 = 1024;
+/// Bytes that it takes for each byte of the element's tag.
 const COPIES: u64 = 4;
-/// Names of cells: of each the library keeps two texts alone, the name and its formula, in a list that grows. Either may have twice
-/// the room that it needs.
+/// Elements that name cells: of each the library keeps only two texts, the name and its formula.
 const NAMES: [&[u8]; 3] = [b"definedName", b"named-expression", b"named-range"];
+/// Bytes that it takes for the two texts themselves, in a list that grows.
 const NAME: u64 = GROWING * 2 * TEXT;
+/// Bytes for each byte of the tag: either text may have twice the room that it needs.
 const COPIES_OF_NAME: u64 = 2;
-/// Elements whose content the library takes into one buffer, without their prefixes.
+/// Elements whose content the library reads into one buffer, without their prefixes.
 const GATHERED: [&[u8]; 6] = [b"annotation", b"definedName", b"is", b"si", b"t", b"v"];
 
 /// A tag.
@@ -38,7 +42,7 @@ pub struct Tags<R> {
     pub at: u64,
     /// Bytes that the library takes for the elements of which it keeps lists.
     pub listed: u64,
-    /// Most bytes that the library takes into one buffer: those of a tag, of a text, or of an element.
+    /// Most bytes that the library reads into one buffer: a tag, a text between tags, or the content of an element.
     pub longest: u64,
     /// The tag that was read last, without its brackets.
     held: Vec<u8>,
@@ -46,7 +50,7 @@ pub struct Tags<R> {
     is_empty: bool,
     /// Elements that have begun and not ended.
     depth: usize,
-    /// The element that is taken into one buffer, and where its content begins.
+    /// The element that is being read into one buffer, and where its content begins.
     gathered: Option<(&'static [u8], u64)>,
 }
 
@@ -104,7 +108,7 @@ impl<R: BufRead> Tags<R> {
         Ok(Some(Tag::Begin(name, written)))
     }
 
-    /// Counts an element that begins, with so many bytes of its name.
+    /// Counts an element that begins; its name is the first `len` bytes of the tag.
     fn begins(&mut self, len: usize) -> io::Result<()> {
         self.depth += 1;
         if self.depth > DEEPEST || len > LONGEST_NAME {
@@ -126,7 +130,7 @@ impl<R: BufRead> Tags<R> {
         Ok(())
     }
 
-    /// Counts an element that ends, whose name stands there in the tag.
+    /// Counts an element that ends; its name is at `from..to` in the tag.
     fn ends(&mut self, from: usize, to: usize) {
         self.depth = self.depth.saturating_sub(1);
         let name = local(&self.held[from..to]);

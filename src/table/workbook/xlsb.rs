@@ -34,20 +34,22 @@ const CELL_FORMAT: u16 = 0x002f;
 const HELD: usize = 1 << 16;
 /// Most bytes of the record of a sheet: two numbers, and two names of 255 characters with their lengths.
 const LONGEST_SHEET: usize = 1036;
-/// Bytes of a link to a sheet, and of what stands before the first.
+/// Bytes of a link to a sheet.
 const LINK: usize = 12;
+/// Bytes before the first link: their count.
 const LINKS_HEAD: usize = 4;
-/// Bytes that the library takes for a sheet or a name of cells, in lists that grow, with the place of the sheet, and for each byte
-/// of the record.
+/// Bytes that the library takes for a sheet or a name of cells, in lists that grow, with the path of the sheet.
 const ENTRY: u64 = 1024;
+/// Bytes that it takes for each byte of the record.
 const OF_A_BYTE: u64 = 4;
-/// How many times the bytes of the longest record the library takes while it reads it: as it was read, and as text.
+/// How many times the bytes of the longest record the library takes while it reads it. It has the bytes and their text, each in a
+/// growing buffer.
 const BUFFERS: u64 = 2 * GROWING;
 /// How deep a formula may be nested in formulas: each level takes some kilobytes of a stack of 2 MB.
 const MOST_DEPTH: usize = 64;
 
-/// Looks at a part, by its name in small letters, and adds what it takes. Where there is no `BOOK`, the library looks for formats and
-/// texts only.
+/// Looks at a part, by its name in small letters, and adds the memory that it takes. In an archive without `BOOK`, the library reads
+/// formats and texts only.
 ///
 /// # Errors
 /// What the reader said, and what is wrong with the part.
@@ -57,7 +59,7 @@ pub fn look(name: &str, part: impl BufRead, is_binary: bool, weight: &mut Weight
         _ if name == BOOK => book(&mut records, weight)?,
         Some("styles.bin") => formats(&mut records)?,
         Some("sharedstrings.bin") => weight.library(texts(&mut records, &[(SHARED_TEXT, 1)])?),
-        // A text of a cell is let go as soon as it is read.
+        // The library drops the text of a cell as soon as it is read.
         Some(place) if is_binary && is_sheet(place.as_bytes()) => {
             texts(&mut records, &[(TEXT_OF_CELL, 8), (TEXT_OF_FORMULA, 8)])?;
         }
@@ -67,10 +69,10 @@ pub fn look(name: &str, part: impl BufRead, is_binary: bool, weight: &mut Weight
     Ok(())
 }
 
-/// Looks at the attributes of a part in the list of them: what the list calls a sheet has to be one that is looked at.
+/// Looks at an entry of the list of parts: what the library takes for a sheet has to be in a part that is looked at.
 ///
 /// # Errors
-/// A place where no sheet lies.
+/// A path in a folder of sheets that is none of a sheet.
 pub fn relation(written: &[u8]) -> io::Result<()> {
     for (_, place) in attributes(written).filter(|(name, _)| *name == b"Target") {
         let small = place.to_ascii_lowercase();
@@ -81,12 +83,12 @@ pub fn relation(written: &[u8]) -> io::Result<()> {
     Ok(())
 }
 
-/// Whether the place of a part is short, and what it says.
+/// Whether the path of a part is short, and has no entities that would change it.
 pub fn is_plain(place: &[u8]) -> bool {
     place.len() <= LONGEST_PLACE && !place.contains(&b'&')
 }
 
-/// What is wrong with a list that has a part there.
+/// The error for a list that has a part at this path.
 pub fn misplaced(place: &[u8]) -> io::Error {
     let place = String::from_utf8_lossy(&place[..place.len().min(LONGEST_PLACE)]).into_owned();
     wrong(format!("it lists a part at {place:?}, where Excel puts none"))
@@ -179,13 +181,14 @@ impl<R: BufRead> Records<R> {
     }
 }
 
-/// A part with records of texts, by their kinds and where in them a text begins; the bytes that a list of them takes.
+/// Looks at a part with records of texts, by their kinds and where in them a text begins. Returns the bytes that a list of the texts
+/// takes.
 fn texts(records: &mut Records<impl BufRead>, kinds: &[(u16, usize)]) -> io::Result<u64> {
     let mut taken = 0u64;
     while let Some((kind, len)) = records.record()? {
         if let Some((_, at)) = kinds.iter().find(|(own, _)| *own == kind) {
             records.has_text(*at, len)?;
-            // One byte of room more than the text may take.
+            // The library makes room for one byte more than the text needs.
             taken = taken.saturating_add(GROWING * TEXT + limits::heap(of_wide(len) + 1));
         }
     }
