@@ -121,4 +121,4 @@ impl Weighed for Cursor {
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

@@ -1,32 +1,13 @@
 //! Lists that are cut, kept by a stream and put together again, and whatever may come in between.
 
 use super::*;
-use crate::fleet::message::{Loop, Tag};
+use crate::fleet::message::Loop;
 use crate::fleet::weights::refused;
+use crate::fleet::weights::tests::hello as list;
 use proptest::prelude::*;
 
 fn edge(name: &str) -> Subject {
     Subject::new("north", name, What::Hello)
-}
-
-/// What an edge is that has so many loops, each with so many tags.
-fn list(loops: usize, tags: usize) -> Hello {
-    let tag = |at: usize| Tag {
-        name: format!("tag{at}"),
-        source: format!("dcs{} holding {} f32", at % 8, 100 + at),
-        unit: "%".into(),
-        collector: "dcs1".into(),
-    };
-    let one = |at: usize| Loop {
-        id: format!("FIC{at:05}"),
-        description: "Feed to the column, north".into(),
-        group: "Unit 100".into(),
-        period_s: 600.0,
-        op_span: Some(100.0),
-        tags: (0..tags).map(tag).collect(),
-        ..Loop::default()
-    };
-    Hello { loops: (0..loops).map(one).collect(), collectors: vec!["dcs1".into()] }
 }
 
 /// A list of so many loops, and its announcement by the edge `e1` in parts of at most 500 bytes behind the first.

@@ -103,7 +103,7 @@ fn what_decodes_to_a_hundred_times_its_bytes_is_refused_before_that() {
 }
 
 /// An edge of so many loops, each with so many tags.
-fn hello(loops: usize, tags: usize) -> Hello {
+pub fn hello(loops: usize, tags: usize) -> Hello {
     let tag = |at: usize| Tag {
         name: format!("tag{at}"),
         source: format!("dcs{} holding {} f32", at % 8, 100 + at),
