@@ -12,7 +12,7 @@ use std::fs;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use stictiond::signal::Sample;
-use stictiond::store::{Batch, Config, Reader, Series, Store, TagName};
+use stictiond::store::{Batch, Config, Reader, Series, Store, TagName, Upkeep};
 
 const LOOPS: usize = 2000;
 const TAGS: usize = 3;
@@ -171,7 +171,8 @@ fn read(config: &Config, minutes: usize) {
 
 /// All of it becomes trends, a point a minute.
 fn thin(config: &Config, minutes: usize) {
-    let config = Config { samples_days: 0.01, ..config.clone() };
+    let upkeep = Upkeep { pace: None, ..config.upkeep };
+    let config = Config { samples_days: 0.01, upkeep, ..config.clone() };
     let mut store = Store::open(&config).expect("opens");
     let (clock, before) = (Instant::now(), cpu_seconds());
     while store.tidy(START + 3.0 * 86_400.0).expect("tidies") {}

@@ -42,14 +42,17 @@ fn what_is_exported_can_be_imported_and_checked() {
     let path = |name: &str| folder.join(name).display().to_string();
     let (old, new) = (path("old"), path("new"));
     filled(Path::new(&old));
-    for file in [path("out.csv"), path("out.parquet")] {
+    let again = " kept, 100 left out, as their tag has a sample at the same time";
+    for (file, kept) in
+        [(path("out.csv"), "100 samples".to_string()), (path("out.parquet"), format!("0 samples{again}"))]
+    {
         let (code, out, err) =
             run(&["export", &old, &file, "--from", "1763700100", "--to-time", "2025-11-21T04:43:19Z"]);
         assert_eq!((code, out, err), (Some(0), format!("{file}: 100 rows\n"), String::new()));
         let (code, _, err) = run(&["export", &old, &file]);
         assert_eq!((code, err), (Some(2), format!("stictiond: {file}: the file is there already\n")));
         let (code, out, _) = run(&["import", &new, &file]);
-        assert!(code == Some(0) && out.starts_with(&format!("{file}: 100 samples, read as: ")), "{out}");
+        assert!(code == Some(0) && out.starts_with(&format!("{file}: {kept}, read as: ")), "{out}");
     }
     let (code, out, _) = run(&["check", &new]);
     assert_eq!(code, Some(0));
@@ -195,10 +198,54 @@ fn a_table_without_dates_is_refused_and_what_has_none_within_one_is_counted() {
     let (code, out, err) = import(&["--time-unit", "s"]);
     assert_eq!(code, Some(0), "{err}");
     assert!(out.contains(": 2 samples kept, 2 refused, whose times have no date"), "{out}");
-    // Milliseconds taken for seconds.
-    fs::write(&file, table(&|k| format!("{}000", 1_763_700_000 + u64::from(k)))).expect("writable");
-    let (code, out, err) = import(&["--loop", "B", "--time-unit", "s"]);
-    assert_eq!((code, out.as_str()), (Some(2), ""), "{err}");
-    assert!(err.contains("none of its 400 samples can be kept") && err.contains("--time-unit"), "{err}");
+    // Milliseconds taken for seconds, and days of astronomers for days of a spreadsheet.
+    let millis = |k: u32| format!("{}000", 1_763_700_000 + u64::from(k));
+    let julian = |k: u32| format!("{:.7}", 2_461_192.75 + f64::from(k) / 43_200.0);
+    for (table, unit) in [(table(&millis), "s"), (table(&julian), "days"), (table(&julian), "datenum")] {
+        fs::write(&file, table).expect("writable");
+        let (code, out, err) = import(&["--loop", "B", "--time-unit", unit]);
+        assert_eq!((code, out.as_str()), (Some(2), ""), "{unit}: {err}");
+        assert!(err.contains("line 2, column 1 (time): ") && err.contains("--time-unit"), "{unit}: {err}");
+        assert!(err.contains("is no time before 2100"), "{unit}: {err}");
+        let tags = stictiond::store::Reader::open(&own).and_then(|reader| reader.tags());
+        assert!(tags.expect("can be read").iter().all(|tag| tag.name.control_loop == "A"), "{unit}");
+    }
+    fs::remove_dir_all(&folder).expect("writable");
+}
+
+/// What `diagnose` refuses as two records in one file, `import` does not keep either.
+#[test]
+fn two_records_in_one_file_are_not_imported_and_what_comes_twice_is_counted() {
+    let folder = folder("cli-store-twice");
+    let (own, file) = (folder.join("own"), folder.join("in.csv"));
+    let text = |path: &Path| path.display().to_string();
+    let rows = |from: f64, count: u32, value: f64| -> String {
+        let row = |k: u32| {
+            let ms = ((from + 2.0 * f64::from(k)) * 1e3).round() as i64;
+            let time = jiff::Timestamp::from_millisecond(ms).expect("a time of ours");
+            format!("{time},{},{}\n", value + f64::from(k % 7), k % 5)
+        };
+        (0..count).map(row).collect()
+    };
+    let first = rows(START, 300, 50.0);
+    for second in [rows(START, 300, 20.0), rows(START + 0.7, 300, 20.0), rows(START + 450.4, 75, 50.0)] {
+        fs::write(&file, format!("t,op,pv\n{first}{second}")).expect("writable");
+        let (code, out, err) = run(&["import", &text(&own), &text(&file), "--loop", "A"]);
+        assert_eq!((code, out.as_str()), (Some(2), ""), "{err}");
+        assert!(err.contains("line 302: times go back over ") && err.contains("recorded already"), "{err}");
+        let tags = stictiond::store::Reader::open(&own).and_then(|reader| reader.tags());
+        assert!(tags.expect("can be read").is_empty(), "nothing of it is kept");
+    }
+    // Two exports of the same record, of which the second begins within the first.
+    let again: String = first.lines().skip(100).map(|line| format!("{line}\n")).collect();
+    fs::write(&file, format!("t,op,pv\n{first}{again}")).expect("writable");
+    let (code, out, err) = run(&["import", &text(&own), &text(&file), "--loop", "A"]);
+    assert_eq!(code, Some(0), "{err}");
+    assert!(
+        out.contains(": 600 samples kept, 400 left out, as their tag has a sample at the same time"),
+        "{out}"
+    );
+    let kept = stictiond::store::Reader::open(&own).and_then(|mut own| own.between("A", "op", 0.0, 1e11));
+    assert_eq!(kept.expect("can be read").len(), 300);
     fs::remove_dir_all(&folder).expect("writable");
 }

@@ -118,7 +118,7 @@ fn what_is_damaged_behind_the_first_look_is_found_before_it_is_said_to_be_whole(
     let place = folder("behind");
     let (whole, _) = at_rest(&place);
     let own = place.join("own");
-    let upkeep = Upkeep { at_once: 2, each: 1, log: 1 };
+    let upkeep = Upkeep { at_once: 2, each: 1, log: 1, ..Upkeep::default() };
     let config = Config { upkeep, ..Config::new(&own) };
     // Nobody reads that table in a folder, and nothing is written to it.
     for hurt in [false, true] {

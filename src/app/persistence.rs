@@ -4,6 +4,7 @@
 //! ring itself is what waits, and only what it overwrites before the store works again is lost, and counted.
 
 mod feed;
+mod retired;
 mod room;
 pub(super) mod rows;
 mod terms;
@@ -345,8 +346,11 @@ impl Persistence {
     /// Follows the rings of `history`, from where they are now unless they were followed before. What is stamped later than
     /// `now` (s) is of before a clock was set back, and no measure for what comes.
     fn follow(&self, history: &History, now: f64) {
+        let is_damaged = self.is_damaged();
         let mut taps = lock(&self.shared.taps);
         let old = std::mem::take(&mut *taps);
+        // Those that are filled come first.
+        let latest = old.iter().take_while(|tap| !tap.retired.load(Relaxed)).count();
         for tap in &old {
             tap.retired.store(true, Relaxed);
         }
@@ -366,7 +370,15 @@ impl Persistence {
                 }),
             });
         }
-        taps.extend(old.into_iter().filter(|tap| tap.retired.load(Relaxed)));
+        let (waiting, lost) = retired::waiting(old, latest, &taps, is_damaged);
+        taps.extend(waiting);
+        self.shared.lost_samples.fetch_add(lost, Relaxed);
+    }
+
+    /// Whether nothing is written until somebody decides; that it is damaged may have found no room on the disk.
+    fn is_damaged(&self) -> bool {
+        self.config.as_ref().is_some_and(store::is_damaged)
+            || lock(&self.writer).as_ref().is_some_and(|writer| writer.status().is_damaged)
     }
 }
 
@@ -470,6 +482,7 @@ fn state(status: store::Status, shared: &Shared) -> StoreState {
             ("dropped_rows", shared.dropped_rows.load(Relaxed)),
             ("refused_samples", status.refused),
             ("damaged_chunks", status.damaged),
+            ("thinned_in_doubt_s", status.thinned_in_doubt_s),
             ("lost_states", shared.lost_states.load(Relaxed)),
             ("delivered_samples", of_spool[0]),
             ("dropped_samples", of_spool[1]),

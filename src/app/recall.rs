@@ -146,10 +146,19 @@ mod tests {
         db.execute("UPDATE chunks SET samples = zeroblob(40)", []).expect("writes");
     }
 
+    /// Has reading fail, as on a sector that has gone bad: a process has nothing at the begin of its memory.
+    fn a_sector(folder: &Path) {
+        let path = folder.join("store.db");
+        std::fs::rename(&path, folder.join("aside")).expect("writable");
+        std::os::unix::fs::symlink("/proc/self/mem", path).expect("writable");
+    }
+
     /// The store was opened before all of it was looked at, and the run is the first to read there.
     #[test]
     fn a_run_that_comes_upon_damage_has_the_store_fail() {
-        for (what, hurt) in [("page", a_page as fn(&Path)), ("blob", a_blob as fn(&Path))] {
+        type Hurt = fn(&Path);
+        let hurts: [(&str, Hurt); 3] = [("page", a_page), ("blob", a_blob), ("sector", a_sector)];
+        for (what, hurt) in hurts {
             let folder = empty_folder(what);
             let upkeep = Upkeep { at_once: 1, each: 0, ..Upkeep::default() };
             let config = Config { upkeep, ..Config::new(&folder) };

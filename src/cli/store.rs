@@ -134,6 +134,12 @@ fn named(place: &Path) -> Result<Config, Failure> {
 
 fn check(folder: &Path, repair: bool) -> Result<(), Failure> {
     let config = named(folder)?;
+    if repair && let Some(aside) = store::finish_repair(&config).map_err(|error| of_store(&error))? {
+        let (folder, aside) = (folder.display(), aside.display());
+        print(&format!(
+            "repaired    {folder}: an interrupted repair is ended; the damaged files are in {aside}\n"
+        ))?;
+    }
     let found = store::check_of(&config).map_err(|error| of_store(&error))?;
     let mut out = String::new();
     // Writing into a String cannot fail.
@@ -233,7 +239,7 @@ fn import_one(
     source: archive::Sources<'_>,
     store: &mut Store,
 ) -> Result<(Taken, Found), Failure> {
-    let before = store.refused_and_damaged().0;
+    let before = store.twice();
     let mut take = |batch: &Batch| store.insert(batch);
     let mut import = Import::new(source, &mut take);
     let read = table::stream(Source::File(file), options, &mut |tag, sample| {
@@ -246,35 +252,36 @@ fn import_one(
         Unread::Store(error) => of_archive(file, &error),
     })?;
     let gathered = import.end().map_err(|error| of_archive(file, &error))?;
-    let taken = Taken::new(gathered, store.refused_and_damaged().0.saturating_sub(before));
-    if taken.kept == 0 && taken.refused > 0 {
-        let why = "can be kept: their times lie after the year 10000; say what their numbers count with --time-unit";
-        return Err(Failure::in_file(file, format!("none of its {} samples {why}", taken.refused)));
-    }
-    Ok((taken, found))
+    let twice = store.twice().zip(before).map_or(0, |(all, before)| all.saturating_sub(before));
+    Ok((Taken::new(gathered, twice), found))
 }
 
 /// What became of a file's samples.
 struct Taken {
     kept: u64,
-    refused: u64,
+    undated: u64,
+    /// At a time at which their tag has a sample already, from this file or from before.
+    twice: u64,
 }
 
 impl Taken {
-    /// From what was gathered, and how many of that the store has no room for in time.
-    fn new(gathered: Gathered, beyond: u64) -> Self {
-        let kept = gathered.handed_on.saturating_sub(beyond);
-        Self { kept, refused: gathered.undated + beyond }
+    fn new(gathered: Gathered, twice: u64) -> Self {
+        Self { kept: gathered.handed_on.saturating_sub(twice), undated: gathered.undated, twice }
     }
 
     fn said(&self) -> String {
-        let Self { kept, refused } = *self;
-        if refused == 0 {
-            return format!("{kept} samples");
+        let Self { kept, undated, twice } = *self;
+        let mut said = format!("{kept} samples");
+        if undated + twice > 0 {
+            said += " kept";
         }
-        format!(
-            "{kept} samples kept, {refused} refused, whose times have no date or lie after the year 10000"
-        )
+        if undated > 0 {
+            said += &format!(", {undated} refused, whose times have no date");
+        }
+        if twice > 0 {
+            said += &format!(", {twice} left out, as their tag has a sample at the same time");
+        }
+        said
     }
 }
 

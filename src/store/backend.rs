@@ -106,6 +106,18 @@ impl Store {
         self.0.refused_and_damaged()
     }
 
+    /// Samples that were inserted at a time at which their tag had one, so that they do not count; `None` where a database elsewhere
+    /// knows.
+    pub fn twice(&self) -> Option<u64> {
+        self.0.twice()
+    }
+
+    /// Seconds of samples that were thinned because of their age while the clock was more than a day ahead of the time by which
+    /// age is measured: too early, if the clock was wrong.
+    pub fn thinned_in_doubt_s(&self) -> u64 {
+        self.0.thinned_in_doubt_s()
+    }
+
     /// The share of its files in the folder that was compared with their checksums since it was opened (0..1); `None` once all
     /// of them were.
     pub fn checked(&self) -> Option<f64> {

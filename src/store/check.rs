@@ -50,6 +50,15 @@ pub fn repair(config: &Config) -> Result<Repaired, StoreError> {
     Ok(Repaired { left: loss.to_string(), aside })
 }
 
+/// Ends a repair that was interrupted once its new store was whole; the store must not be in use. Where the damaged files are then;
+/// `None` where there was no such repair.
+///
+/// # Errors
+/// [`StoreError`]; then it is still to be ended.
+pub fn finish_repair(config: &Config) -> Result<Option<PathBuf>, StoreError> {
+    embedded::finish_repair(config)
+}
+
 /// Reads the whole store in a folder, in bounded memory.
 ///
 /// # Errors

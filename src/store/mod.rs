@@ -22,6 +22,7 @@
 //! # What it costs
 //! `docs/store.md` has numbers: processor, bytes a sample, bytes written for each byte kept.
 
+mod age;
 pub mod archive;
 mod backend;
 mod bits;
@@ -36,7 +37,7 @@ mod walk;
 mod writer;
 
 pub use backend::{Found, Opener, Point, Reader, Spool, Store, StoredTag, Usage, Writes};
-pub use check::{Checked, Repaired, check, check_of, repair};
+pub use check::{Checked, Repaired, check, check_of, finish_repair, repair};
 pub use config::{Config, Upkeep};
 pub use rows::{AlarmRow, Batch, DiagnosisRow, ModelRow, Row, Series, TagName, TransitionRow, pack, unpack};
 pub use walk::first_start;
@@ -94,11 +95,24 @@ fn hint(error: &rusqlite::Error) -> &'static str {
     use rusqlite::ErrorCode::{DatabaseCorrupt, DiskFull, NotADatabase};
     match error.sqlite_error_code() {
         Some(DiskFull) => "; free some room, or lower [store] max_mb",
-        Some(DatabaseCorrupt | NotADatabase) => {
-            "; `stictiond store check` says what is damaged, with `--repair` it makes a new one of what is left"
-        }
+        Some(DatabaseCorrupt | NotADatabase) => DAMAGED,
+        _ if is_read_error(error) => DAMAGED,
         _ => "",
     }
+}
+
+/// What can be done about a database that is damaged.
+const DAMAGED: &str =
+    "; `stictiond store check` says what is damaged, with `--repair` it makes a new one of what is left";
+
+/// Whether a part of a file cannot be read, as on a sector that has gone bad. A write that fails is none, nor is a disk that is full:
+/// what was written before is still there.
+fn is_read_error(error: &rusqlite::Error) -> bool {
+    use rusqlite::ffi::{
+        SQLITE_IOERR_CORRUPTFS, SQLITE_IOERR_DATA, SQLITE_IOERR_READ, SQLITE_IOERR_SHORT_READ,
+    };
+    let codes = [SQLITE_IOERR_READ, SQLITE_IOERR_SHORT_READ, SQLITE_IOERR_DATA, SQLITE_IOERR_CORRUPTFS];
+    error.sqlite_extended_error_code().is_some_and(|code| codes.contains(&code))
 }
 
 impl StoreError {
@@ -107,13 +121,15 @@ impl StoreError {
         matches!(self, Self::Database(e) if e.sqlite_error_code() == Some(rusqlite::ErrorCode::DiskFull))
     }
 
-    /// Whether what is on disk is not what was written.
+    /// Whether what is on disk is not what was written, or cannot be read.
     pub fn is_damage(&self) -> bool {
         use rusqlite::ErrorCode::{DatabaseCorrupt, NotADatabase};
         let code = |error: &rusqlite::Error| error.sqlite_error_code();
         match self {
             Self::Damaged(_) => true,
-            Self::Database(error) => matches!(code(error), Some(DatabaseCorrupt | NotADatabase)),
+            Self::Database(error) => {
+                matches!(code(error), Some(DatabaseCorrupt | NotADatabase)) || is_read_error(error)
+            }
             _ => false,
         }
     }
@@ -162,4 +178,46 @@ fn start_of(t: f64, length: u32) -> Option<i64> {
     // 2^38 s after the epoch is the year 10680.
     let fits = (0.0..274_877_906_944.0).contains(&t);
     fits.then(|| (t as i64).div_euclid(i64::from(length)) * i64::from(length))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rusqlite::ffi;
+
+    #[test]
+    fn what_cannot_be_read_is_damage_and_what_cannot_be_written_is_none() {
+        let of = |code| StoreError::Database(rusqlite::Error::SqliteFailure(ffi::Error::new(code), None));
+        let damage = [
+            ffi::SQLITE_CORRUPT,
+            ffi::SQLITE_NOTADB,
+            ffi::SQLITE_IOERR_READ,
+            ffi::SQLITE_IOERR_SHORT_READ,
+            ffi::SQLITE_IOERR_DATA,
+            ffi::SQLITE_IOERR_CORRUPTFS,
+        ];
+        for code in damage {
+            let error = of(code);
+            assert!(
+                error.is_damage() && error.damage().is_some_and(|why| why.contains("--repair")),
+                "{error}"
+            );
+        }
+        let none = [
+            ffi::SQLITE_FULL,
+            ffi::SQLITE_BUSY,
+            ffi::SQLITE_CANTOPEN,
+            ffi::SQLITE_NOMEM,
+            ffi::SQLITE_IOERR,
+            ffi::SQLITE_IOERR_WRITE,
+            ffi::SQLITE_IOERR_FSYNC,
+            ffi::SQLITE_IOERR_TRUNCATE,
+            ffi::SQLITE_IOERR_LOCK,
+            ffi::SQLITE_IOERR_NOMEM,
+        ];
+        for code in none {
+            assert!(!of(code).is_damage(), "{}", of(code));
+        }
+        assert!(of(ffi::SQLITE_FULL).is_full());
+    }
 }

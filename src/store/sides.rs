@@ -84,6 +84,14 @@ pub trait Writes: Send + Debug {
     fn usage(&self) -> Result<Usage, StoreError>;
     /// See [`Store::refused_and_damaged`].
     fn refused_and_damaged(&self) -> (u64, u64);
+    /// See [`Store::twice`].
+    fn twice(&self) -> Option<u64> {
+        None
+    }
+    /// See [`Store::thinned_in_doubt_s`].
+    fn thinned_in_doubt_s(&self) -> u64 {
+        0
+    }
     /// See [`Store::checked`].
     fn checked(&self) -> Option<f64> {
         None

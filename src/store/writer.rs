@@ -1,7 +1,10 @@
 //! The one thread that writes. It asks for what is new at a steady pace, makes it durable, tidies up, and when the store
 //! fails tries again, from a fresh opening, until it works: nobody else ever waits for the disk.
 
+mod running;
+
 use super::{Batch, Config, Found, Opener, Reader, Spool, Store, StoreError, Usage, heed};
+use running::Running;
 use std::collections::VecDeque;
 use std::io;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -56,6 +59,8 @@ pub struct Status {
     pub refused: u64,
     /// Blobs found damaged.
     pub damaged: u64,
+    /// Seconds of samples thinned while the clock was far ahead, see [`Store::thinned_in_doubt_s`].
+    pub thinned_in_doubt_s: u64,
     /// What the database takes.
     pub usage: Usage,
     /// What waits for a database elsewhere, and since when that is away (s); `None` for a store in a folder.
@@ -81,11 +86,18 @@ struct Inner {
     done: u64,
     /// Whether the last round that was done wrote everything.
     good: bool,
+    /// The round that is under way.
+    running: Option<Running>,
 }
 
 impl Shared {
     fn lock(&self) -> MutexGuard<'_, Inner> {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The round begins, or gets on; `now` as the clock has it (s).
+    fn gets_on(&self, now: f64) {
+        self.lock().running = Some(Running::new(Instant::now(), now));
     }
 }
 
@@ -158,7 +170,7 @@ impl Writer {
             shared: shared.clone(),
             pause: PAUSES.0,
             looked: None,
-            counted: (0, 0),
+            counted: [0; 3],
             unread: false,
             era: 0,
         };
@@ -176,8 +188,12 @@ impl Writer {
         Ok(Self { flusher: Flusher { shared, by_hand: None }, thread: Some(thread) })
     }
 
-    /// How the store is.
+    /// How the store is. It also fails while a write lasts longer than three minutes, as on a network file system that hangs.
     pub fn status(&self) -> Status {
+        self.status_at(Instant::now())
+    }
+
+    fn status_at(&self, now: Instant) -> Status {
         let mut inner = self.flusher.shared.lock();
         let ended =
             self.flusher.by_hand.is_none() && self.thread.as_ref().is_none_or(JoinHandle::is_finished);
@@ -186,7 +202,11 @@ impl Writer {
             inner.status.failing =
                 Some(("the thread of the store has ended; start the daemon anew".to_string(), since));
         }
-        inner.status.clone()
+        let mut status = inner.status.clone();
+        if status.failing.is_none() {
+            status.failing = inner.running.as_mut().and_then(|running| running.hangs(now));
+        }
+        status
     }
 
     /// As [`Flusher::flush`].
@@ -240,7 +260,8 @@ impl Flusher {
         let waiting = |inner: &mut Inner| inner.done < round && !inner.stop;
         let waited = self.shared.changed.wait_timeout_while(inner, patience, waiting);
         let (inner, timed_out) = waited.unwrap_or_else(PoisonError::into_inner);
-        !timed_out.timed_out() && inner.good
+        // Where the end came first, what is known is of an earlier round.
+        !timed_out.timed_out() && inner.done >= round && inner.good
     }
 
     fn round_by_hand(&self) {
@@ -266,8 +287,8 @@ struct Round<F, N> {
     /// The next pause while the store fails.
     pause: Duration,
     looked: Option<Instant>,
-    /// Refused and damaged in stores that were open before.
-    counted: (u64, u64),
+    /// Counts of stores that were open before.
+    counted: [u64; 3],
     /// Nobody could read at the start what is there.
     unread: bool,
     /// The era that was begun: a store that is opened anew knows it only once something of it is there.
@@ -294,10 +315,11 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
 
     /// Does the rounds up to the one with number `asked`, in one.
     fn do_one(&mut self, asked: u64) {
+        self.shared.gets_on((self.now)());
         let good = self.write_all();
         self.insert_all();
         let mut inner = self.shared.lock();
-        (inner.done, inner.good) = (asked, good);
+        (inner.done, inner.good, inner.running) = (asked, good, None);
         drop(inner);
         self.shared.changed.notify_all();
     }
@@ -324,6 +346,7 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
         let mut merging = false;
         while let Some(store) = &mut self.store {
             let now = (self.now)();
+            self.shared.gets_on(now);
             if let Some(found) = store.found() {
                 self.feed.merge(found);
                 self.feed.gather();
@@ -341,7 +364,7 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
             let written = if batch.is_empty() { Ok(()) } else { write(store, batch, now) };
             let more = written.is_ok() && self.feed.settled();
             let merged = written.and_then(|()| if merging && !more { store.merged() } else { Ok(()) });
-            let done = merged.and_then(|()| tidy(store, now));
+            let done = merged.and_then(|()| tidy(store, &self.shared, now));
             match done {
                 Ok(()) => self.worked(samples, rows, now),
                 Err(error) => {
@@ -373,6 +396,7 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
         let inserts = std::mem::take(&mut self.shared.lock().inserts);
         for (batch, told) in inserts {
             let now = (self.now)();
+            self.shared.gets_on(now);
             let done = match &mut self.store {
                 Some(store) => match store.insert(&batch) {
                     Err(error) if error.is_full() => store.make_room(now).and_then(|_| store.insert(&batch)),
@@ -398,13 +422,21 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
         self.looked = None;
     }
 
+    /// Refused, damaged, and thinned in doubt, since the start.
+    fn counts(&self) -> [u64; 3] {
+        let Some(store) = &self.store else { return self.counted };
+        let ((refused, damaged), in_doubt) = (store.refused_and_damaged(), store.thinned_in_doubt_s());
+        let [before, own] = [self.counted, [refused, damaged, in_doubt]];
+        std::array::from_fn(|at| before[at] + own[at])
+    }
+
     fn worked(&mut self, samples: u64, rows: u64, now: f64) {
         let mut usage = None;
         if self.looked.is_none_or(|looked| looked.elapsed() > USAGE_EVERY) {
             self.looked = Some(Instant::now());
             usage = self.store.as_ref().and_then(|store| store.usage().ok());
         }
-        let (refused, damaged) = self.store.as_ref().map(Store::refused_and_damaged).unwrap_or_default();
+        let counts = self.counts();
         self.pause = PAUSES.0;
         let spool = self.store.as_ref().and_then(Store::spool);
         let checked = self.store.as_ref().and_then(Store::checked);
@@ -421,7 +453,7 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
         }
         status.samples += samples;
         status.rows += rows;
-        (status.refused, status.damaged) = (self.counted.0 + refused, self.counted.1 + damaged);
+        [status.refused, status.damaged, status.thinned_in_doubt_s] = counts;
         status.usage = usage.unwrap_or(status.usage);
         if samples + rows > 0 {
             status.written_at = Some(now);
@@ -432,10 +464,8 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
     /// connection is in.
     fn failed(&mut self, error: &StoreError) {
         let now = (self.now)();
-        if let Some(store) = self.store.take() {
-            let (refused, damaged) = store.refused_and_damaged();
-            self.counted = (self.counted.0 + refused, self.counted.1 + damaged);
-        }
+        self.counted = self.counts();
+        self.store = None;
         heed(&self.config, error);
         let text = error.to_string();
         let mut inner = self.shared.lock();
@@ -465,8 +495,9 @@ fn write(store: &mut Store, batch: &Batch, now: f64) -> Result<(), StoreError> {
     }
 }
 
-fn tidy(store: &mut Store, now: f64) -> Result<(), StoreError> {
+fn tidy(store: &mut Store, shared: &Shared, now: f64) -> Result<(), StoreError> {
     for _ in 0..TIDY {
+        shared.gets_on(now);
         if !store.tidy(now)? {
             break;
         }

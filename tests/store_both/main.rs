@@ -1,6 +1,7 @@
 //! One suite for the store in a folder and the store in PostgreSQL, and what is only true of the latter.
 
 mod hypertables;
+mod large;
 mod outage;
 mod place;
 #[path = "../peers/postgres.rs"]
@@ -32,6 +33,7 @@ both! {
     diagnoses_models_and_alarms_come_back
     a_gap_in_an_alarms_history_is_found
     what_is_old_is_thinned_to_trends_and_then_goes
+    a_clock_that_is_set_forward_takes_no_history_with_it
     what_is_exported_and_imported_is_the_same
     another_version_and_another_writer_are_refused
 }

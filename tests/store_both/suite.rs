@@ -5,7 +5,7 @@ use stictiond::signal::{BadReason, Quality, Sample};
 use stictiond::store::archive::{self, Choice, Format, Kind};
 use stictiond::store::{
     AlarmRow, Batch, Config, DiagnosisRow, ModelRow, Point, Row, Series, Store, StoreError, TagName,
-    TransitionRow, pack, unpack,
+    TransitionRow, Upkeep, pack, unpack,
 };
 use stictiond::table::{Options, Source, TableError, stream};
 
@@ -215,7 +215,10 @@ pub fn a_gap_in_an_alarms_history_is_found(place: &mut Place) {
 
 pub fn what_is_old_is_thinned_to_trends_and_then_goes(place: &mut Place) {
     let (op, begin) = (tag("A", "op"), 30.0 * DAY_S);
-    let config = Config { samples_days: 1.0, trend_days: 40.0, diagnoses_days: 1.0, ..place.config() };
+    // Days pass in no time here.
+    let upkeep = Upkeep { pace: None, ..Upkeep::default() };
+    let config =
+        Config { samples_days: 1.0, trend_days: 40.0, diagnoses_days: 1.0, upkeep, ..place.config() };
     let mut store = Store::open(&config).expect("opens");
     // Two days, a sample each 10 s, the value the number of its sample; the second minute is bad.
     let mut samples: Vec<Sample> =
@@ -242,6 +245,29 @@ pub fn what_is_old_is_thinned_to_trends_and_then_goes(place: &mut Place) {
     while store.tidy(begin + 80.0 * DAY_S).expect("tidies") {}
     let checked = whole(place);
     assert_eq!((checked.samples, checked.points, checked.diagnoses), (0, 0, 1));
+}
+
+pub fn a_clock_that_is_set_forward_takes_no_history_with_it(place: &mut Place) {
+    let (op, begin) = (tag("A", "op"), 30.0 * DAY_S);
+    let config = Config { samples_days: 1.0, diagnoses_days: 1.0, alarms_days: 1.0, ..place.config() };
+    let mut store = Store::open(&config).expect("opens");
+    // A day, from an hour on.
+    let at = |i: u32| begin + 3600.0 + 60.0 * f64::from(i);
+    store.insert(&batch(&op, (0..1380).map(|i| Sample::good(at(i), 1.0)).collect())).expect("inserts");
+    let mut rows: Vec<Row> = (0..5).map(|i| diagnosis("A", at(i), Some("{}"))).collect();
+    rows.push(transition(at(0), "normal", "unacknowledged"));
+    store.write(&Batch { series: Vec::new(), rows }).expect("writes");
+    while store.tidy(begin + DAY_S).expect("tidies") {}
+    for _ in 0..2 {
+        while store.tidy(begin + 800.0 * DAY_S).expect("tidies") {}
+        let checked = whole(place);
+        assert_eq!((checked.samples, checked.points), (1380, 0));
+        assert_eq!((checked.diagnoses, checked.transitions), (5, 1));
+        assert_eq!(store.thinned_in_doubt_s(), 0);
+        // Nor does it after a restart.
+        drop(store);
+        store = Store::open(&config).expect("opens");
+    }
 }
 
 pub fn what_is_exported_and_imported_is_the_same(place: &mut Place) {

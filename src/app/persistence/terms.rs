@@ -4,7 +4,7 @@
 use crate::history::{History, TagKind};
 use crate::signal::{LoopId, Role, Series};
 use crate::store::{Reader, StoreError, StoredTag};
-use crate::writeback::SAID_AGAIN_S;
+use crate::writeback::TERM_REPEAT_S;
 use std::cmp::Reverse;
 use std::collections::HashSet;
 
@@ -15,12 +15,13 @@ pub(super) fn give_back(reader: &mut Reader, history: &History) -> Result<(), St
     let ids: HashSet<LoopId> = terms.map(|stored| LoopId::new(stored.name.control_loop.as_str())).collect();
     for id in ids.iter().filter(|id| history.lacks_terms(id)) {
         let terms = acted(reader, history, &stored, id)?;
-        history.keep_terms(id, terms, SAID_AGAIN_S);
+        history.keep_terms(id, terms, TERM_REPEAT_S);
     }
     Ok(())
 }
 
 /// The terms that acted on the OP in the ring of a loop; `stored` are all tags of the store.
+/// The store is asked for the eras of OP, because a ring does not have them, and one that a reload took over was not read from it.
 fn acted(
     reader: &mut Reader,
     history: &History,
@@ -34,8 +35,8 @@ fn acted(
     let (Some(first), Some(last), Some(spec)) = (filled.first(), filled.last(), spec) else {
         return Ok(Series::new());
     };
-    // A term in force is recorded again each SAID_AGAIN_S, so the one in force at the first sample of OP is among them.
-    let limits = [first.t - SAID_AGAIN_S, last.t + SAID_AGAIN_S];
+    // A term in force is recorded again each TERM_REPEAT_S, so the one in force at the first sample of OP is among them.
+    let limits = [first.t - TERM_REPEAT_S, last.t + TERM_REPEAT_S];
     let term = Role::Term.as_str();
     let is_wanted = |own: &&StoredTag| {
         let name = &own.name;
@@ -54,7 +55,7 @@ fn acted(
         let last = own.next_back().unwrap_or(begin);
         // An era that overlaps a later one is not in the ring: the clock was set back.
         if last.t < end {
-            eras.push((tag.era, [begin.t - SAID_AGAIN_S, end]));
+            eras.push((tag.era, [begin.t - TERM_REPEAT_S, end]));
             end = begin.t;
         }
     }

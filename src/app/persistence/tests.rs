@@ -116,6 +116,66 @@ fn a_store_that_opens_and_cannot_be_read_fails_until_it_can() {
     assert!(!persistence.make_durable(), "nothing is written before what is there has been read");
 }
 
+/// As of a sector that has gone bad: a process has nothing at the begin of its memory, and reading there fails.
+#[test]
+fn a_store_that_opens_and_fails_to_be_read_is_damaged() {
+    let folder = Folder::new("sector");
+    let config = folder.config();
+    let own = config.store.clone().expect("there");
+    let wired = config.plant().expect("sound");
+    let history = History::new(&wired.loops, &config.history);
+    let results = Arc::new(Results::new(&[LoopId::new("A")], 1, &config.alarm));
+    std::fs::create_dir_all(&own.folder).expect("writable");
+    std::os::unix::fs::symlink("/proc/self/mem", own.folder.join("store.db")).expect("writable");
+    let elsewhere = store::Config::new(folder.0.join("elsewhere"));
+    let open: store::Opener = Arc::new(move |_, _| Store::open(&elsewhere));
+    let driven = store::Driven { open, by_hand: true };
+    let persistence = Persistence::new(&config, Clock::by_hand(0.0), driven, (&history, &results));
+    assert!(store::is_damaged(&own), "after the next start too");
+    persistence.begin(results.clone());
+    let state = persistence.ask().expect("there is one")();
+    assert!(state.is_damaged && state.failing.is_some_and(|(why, _)| why.contains("I/O")));
+}
+
+#[test]
+fn what_was_thinned_while_the_clock_was_ahead_is_counted() {
+    let status = store::Status { thinned_in_doubt_s: 600, ..store::Status::default() };
+    let counters = state(status, &Shared::default()).counters;
+    assert!(counters.contains(&("thinned_in_doubt_s", 600)), "{counters:?}");
+}
+
+/// Each reload with another size leaves the rings of before; a store that is damaged never drains them.
+#[test]
+fn few_rings_wait_for_a_store_that_fails_and_none_for_one_that_is_damaged() {
+    for is_damaged in [false, true] {
+        let folder = Folder::new("retired");
+        let config = folder.config();
+        let own = config.store.clone().expect("there");
+        if is_damaged {
+            std::fs::create_dir_all(&own.folder).expect("writable");
+            assert!(store::mark_damaged(&own, "somebody is to decide").is_damage());
+        }
+        let wired = config.plant().expect("sound");
+        let history = || History::new(&wired.loops, &config.history);
+        let (first, results) = (history(), Results::new(&[], 1, &config.alarm));
+        let driven = store::Driven { by_hand: true, ..store::Driven::default() };
+        let persistence = Persistence::new(&config, Clock::by_hand(0.0), driven, (&first, &results));
+        let reload = |_: usize| {
+            let own = history();
+            persistence.follow(&own, 0.0);
+            for t in [1000.0, 1001.0] {
+                assert!(own.push(0, Sample::good(t, 1.0)));
+            }
+            (lock(&persistence.shared.taps).len(), persistence.shared.lost_samples.load(Relaxed))
+        };
+        let found: Vec<(usize, u64)> = (0..4).map(reload).collect();
+        // Two tags; the first rings held nothing.
+        let expected =
+            if is_damaged { [(2, 0), (2, 2), (2, 4), (2, 6)] } else { [(4, 0), (4, 0), (4, 2), (4, 4)] };
+        assert_eq!(found, expected, "damaged: {is_damaged}");
+    }
+}
+
 /// The work list and the indicators: of a start that could not open the store, and of a loop that is taken out and put back.
 #[test]
 fn orders_and_indicators_are_back_as_soon_as_they_can_be_read() {

@@ -11,9 +11,10 @@ const ROWS: i64 = 1000;
 const FAULTS: usize = 20;
 
 pub(super) fn examine(reader: &mut Reader, found: &mut Checked) -> Result<(), StoreError> {
-    found.version = schema::version(reader.database())?;
+    found.version = schema::version(&reader.database())?;
     {
-        let mut pragma = reader.database().prepare(&format!("PRAGMA integrity_check({FAULTS})"))?;
+        let db = reader.database();
+        let mut pragma = db.prepare(&format!("PRAGMA integrity_check({FAULTS})"))?;
         let lines = pragma.query_map([], |row| row.get::<_, String>(0))?;
         for line in lines {
             let line = line?;
@@ -42,7 +43,8 @@ fn samples(reader: &mut Reader, found: &mut Checked) -> Result<(), StoreError> {
         let (first, last) = found.span.unwrap_or((start, start));
         found.span = Some((first.min(start), last.max(start)));
     })?;
-    let mut open = reader.database().prepare("SELECT seq, start, frame FROM journal ORDER BY seq")?;
+    let db = reader.database();
+    let mut open = db.prepare("SELECT seq, start, frame FROM journal ORDER BY seq")?;
     let mut rows = open.query([])?;
     while let Some(row) = rows.next()? {
         let start: i64 = row.get(1)?;
@@ -75,7 +77,8 @@ fn blobs(
     mut each: impl FnMut(i64, &[u8]),
 ) -> Result<(), StoreError> {
     let sql = format!("SELECT key, {column} FROM {table} WHERE key > ?1 ORDER BY key LIMIT ?2");
-    let mut query = reader.database().prepare(&sql)?;
+    let db = reader.database();
+    let mut query = db.prepare(&sql)?;
     let mut after = -1;
     loop {
         let (mut rows, before) = (query.query([after, ROWS])?, after);

@@ -46,15 +46,24 @@ fn big(bytes: &[u8], at: usize) -> u32 {
     bytes.get(at..at + 4).and_then(|four| four.try_into().ok()).map_or(0, u32::from_be_bytes)
 }
 
+/// What a frame holds, by its number from 1 on; `None` where it is of another page by now, because the log was begun anew.
+pub(super) fn page_in(log: &File, frame: u32, page: u32, salts: [u8; 8]) -> Option<Vec<u8>> {
+    let mut bytes = vec![0; FRAME_HEAD + PAGE_BYTES as usize];
+    let at = LOG_HEAD as u64 + u64::from(frame.checked_sub(1)?) * bytes.len() as u64;
+    log.read_exact_at(&mut bytes, at).ok()?;
+    let is_it = big(&bytes, 0) == page && bytes[8..16] == salts;
+    is_it.then(|| bytes.split_off(FRAME_HEAD))
+}
+
 impl Log {
     /// Reads the log of a database as SQLite does, up to the first frame that does not fit; an empty one where there is none.
     pub fn read(path: &Path) -> io::Result<Self> {
-        Self::frames(path, false, |_, _, _| ())
+        Self::frames(path, false, |_, _| ())
     }
 
     /// The same, or all frames that fit to the one before: its sum is the begin of theirs, whether it was good itself or not.
-    /// `each` hears the number of a frame from 1 on, its page, and what that holds.
-    pub fn frames(path: &Path, all: bool, mut each: impl FnMut(u32, u32, &[u8])) -> io::Result<Self> {
+    /// `each` hears the number of a frame from 1 on, and its page.
+    pub fn frames(path: &Path, all: bool, mut each: impl FnMut(u32, u32)) -> io::Result<Self> {
         let file = match File::open(path) {
             Ok(file) => file,
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Self::default()),
@@ -85,7 +94,7 @@ impl Log {
                 sums = told;
                 continue;
             }
-            each(frames, big(&frame, 0), &frame[FRAME_HEAD..]);
+            each(frames, big(&frame, 0));
             since.push(big(&frame, 0));
             // A frame that ends a commit says how large the database is.
             if big(&frame, 4) > 0 {

@@ -4,10 +4,14 @@
 //!
 //! ```text
 //! commit     -> ACKNOWLEDGED: salts of the log, frames of it that are durable
-//! checkpoint -> SUMS of the pages that the log carried over; then ACKNOWLEDGED: no frames, so many pages
+//! checkpoint -> SUMS of the pages that the log carried over; then ACKNOWLEDGED: no frames, so many carried over, so many pages
 //! ```
 //! Each is written after what it tells of is on disk: it never promises more than there is. A page that the log holds is
 //! not compared, for the log is what counts of it.
+//!
+//! Only a checkpoint waits for the disk to have ACKNOWLEDGED: after a power failure it may be as the last checkpoint left it, while
+//! the log has more. So a log counts as carried over only as far as it was then: somebody who read may have kept it from being
+//! cut, and what came next went behind it.
 
 use super::DATABASE;
 use super::frames::{Log, log_of};
@@ -15,7 +19,7 @@ use super::write::{self, PAGE_BYTES};
 use crate::store::{StoreError, Upkeep};
 use std::collections::HashSet;
 use std::fs::{self, File, OpenOptions};
-use std::io;
+use std::io::{self, Read};
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
@@ -26,8 +30,6 @@ const ACKNOWLEDGED: &str = "store.ack";
 /// What was found damaged: as long as it is there nothing is written.
 pub(super) const DAMAGED: &str = "store.damaged";
 const MAGIC: &[u8; 8] = b"stictic1";
-/// Most pages of a database: `max_mb` allows no more.
-const MOST_PAGES: usize = 1 << 26;
 /// Faults that are named.
 const NAMED: usize = 5;
 
@@ -39,6 +41,8 @@ struct Acknowledged {
     pages: u32,
     /// Records of the second copy of the states.
     states: u64,
+    /// Frames of the log that the last checkpoint carried over.
+    carried: u32,
 }
 
 impl Acknowledged {
@@ -51,6 +55,7 @@ impl Acknowledged {
         bytes[16..20].copy_from_slice(&self.frames.to_le_bytes());
         bytes[20..24].copy_from_slice(&self.pages.to_le_bytes());
         bytes[24..32].copy_from_slice(&self.states.to_le_bytes());
+        bytes[32..36].copy_from_slice(&self.carried.to_le_bytes());
         let sum = crc32fast::hash(&bytes[..36]);
         bytes[36..].copy_from_slice(&sum.to_le_bytes());
         bytes
@@ -62,7 +67,12 @@ impl Acknowledged {
         let number = |at: usize| Some(u32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?));
         let states = u64::from_le_bytes(bytes[24..32].try_into().ok()?);
         let salts = bytes[8..16].try_into().ok()?;
-        whole.then_some(Self { salts, frames: number(16)?, pages: number(20)?, states })
+        whole.then_some(Self { salts, frames: number(16)?, pages: number(20)?, states, carried: number(32)? })
+    }
+
+    /// Whether all of a log is in the database too: it was carried over, and nothing was committed behind that.
+    fn is_carried_over(&self, log: &Log) -> bool {
+        self.frames == 0 && log.salts == self.salts && log.frames <= self.carried
     }
 }
 
@@ -94,12 +104,36 @@ fn open(path: &Path) -> Result<File, StoreError> {
         .map_err(StoreError::io(path))
 }
 
+/// A file, open for reading; `None` where there is none.
+///
+/// # Errors
+/// [`StoreError::Io`] where it cannot be opened, as without a free descriptor: that says nothing of what it holds.
+pub(super) fn existing(path: &Path) -> Result<Option<File>, StoreError> {
+    match File::open(path) {
+        Ok(file) => Ok(Some(file)),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(StoreError::io(path)(error)),
+    }
+}
+
+/// What can be read of a file; nothing where there is none. What lies behind a part that cannot be read is as good as cut off.
+///
+/// # Errors
+/// As [`existing`].
+pub(super) fn contents(path: &Path) -> Result<Vec<u8>, StoreError> {
+    let mut bytes = Vec::new();
+    if let Some(mut file) = existing(path)? {
+        let _ = file.read_to_end(&mut bytes);
+    }
+    Ok(bytes)
+}
+
 /// What was found in the files of a store.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Damage {
     /// In words, one thing each.
     pub faults: Vec<String>,
-    /// Pages of the database that are not what they were.
+    /// Pages of the database that are not what they were, in order.
     pub pages: Vec<u32>,
     /// The log lacks something that was acknowledged, or nobody can say whether it does.
     pub log: bool,
@@ -116,29 +150,58 @@ impl Damage {
     fn add(&mut self, fault: String) {
         self.faults.push(fault);
     }
+
+    /// What of it was found the time before too.
+    fn confirms(mut self, before: &Self) -> Self {
+        // They are in order: a store that is gone may have millions.
+        self.pages.retain(|page| before.pages.binary_search(page).is_ok());
+        self.faults.retain(|fault| before.faults.iter().any(|other| is_alike(fault, other)));
+        self.log &= before.log;
+        self
+    }
+}
+
+/// Whether two faults are the same but for their numbers, which grow beside a writer.
+fn is_alike(fault: &str, other: &str) -> bool {
+    fn words(text: &str) -> impl Iterator<Item = char> {
+        text.chars().filter(|c| !c.is_ascii_digit())
+    }
+    words(fault).eq(words(other))
 }
 
 /// Looks at the files of a store, at most at so many pages; nothing is changed. Nothing is said of a store that has no
 /// ledger yet, of an older version.
+///
+/// # Errors
+/// [`StoreError::Io`] where a file that is there cannot be opened.
 pub(super) fn examine(folder: &Path, most: u32) -> Result<Damage, StoreError> {
+    examine_some(folder, |pages| 1..=pages.min(most))
+}
+
+/// The same, at some pages of as many as there are.
+fn examine_some<I: Iterator<Item = u32>>(
+    folder: &Path,
+    some: impl FnOnce(u32) -> I,
+) -> Result<Damage, StoreError> {
     let mut found = Damage::default();
     let (path, of_log) = (folder.join(DATABASE), log_of(folder));
-    let sums = fs::read(folder.join(SUMS)).unwrap_or_default();
+    let sums = contents(&folder.join(SUMS))?;
     let log = Log::read(&of_log).map_err(StoreError::io(&of_log))?;
-    let Some(told) = told(folder, &sums, &log, &mut found) else { return Ok(found) };
+    let Some(told) = told(folder, &sums, &log, &mut found)? else { return Ok(found) };
     if told.frames > 0 && (log.salts != told.salts || log.frames < told.frames) {
         let left = if log.salts == told.salts { log.frames } else { 0 };
         found.add(format!("the log: {left} of {} pages that were acknowledged can be read", told.frames));
         found.log = true;
     }
-    let Ok(database) = File::open(&path) else {
+    let Some(database) = existing(&path)? else {
         found.add(format!("{DATABASE} is gone"));
         found.pages.extend(1..=told.pages);
         return Ok(found);
     };
     let length = database.metadata().map_err(StoreError::io(&path))?.len();
+    let in_force = log.frames > 0 && !told.is_carried_over(&log);
     // One that has become shorter is cut when the log is carried over, a moment before that is noted.
-    let pages = if told.frames > 0 && log.frames > 0 { told.pages.min(log.size) } else { told.pages };
+    let pages = if in_force { told.pages.min(log.size) } else { told.pages };
     if length < u64::from(pages) * PAGE_BYTES {
         found.add(format!("{DATABASE} is cut: {} of {pages} pages are there", length / PAGE_BYTES));
     }
@@ -146,8 +209,8 @@ pub(super) fn examine(folder: &Path, most: u32) -> Result<Damage, StoreError> {
         found.add(format!("{SUMS} is cut: not every page can be compared"));
     }
     // Of a log that is not whole nothing is believed: what it carries is not in the database yet.
-    let skip = |page: &u32| told.frames > 0 && log.pages.contains(page);
-    found.pages = compared(&database, &sums, (1..=pages.min(most)).filter(|page| !skip(page)));
+    let skip = |page: &u32| in_force && log.pages.contains(page);
+    found.pages = compared(&database, &sums, some(pages).filter(|page| !skip(page)));
     if let Some(first) = found.pages.first() {
         let count = found.pages.len();
         found.add(format!("{count} of {} pages are not what was written, the first is {first}", told.pages));
@@ -157,20 +220,25 @@ pub(super) fn examine(folder: &Path, most: u32) -> Result<Damage, StoreError> {
 
 /// What was told of the files; `None` where there is nothing to hold them against. Where it cannot be read, the log counts as
 /// far as it fits, and the database must be what the checksums say, as long as it is.
-fn told(folder: &Path, sums: &[u8], log: &Log, found: &mut Damage) -> Option<Acknowledged> {
-    let bytes = fs::read(folder.join(ACKNOWLEDGED)).unwrap_or_default();
+fn told(
+    folder: &Path,
+    sums: &[u8],
+    log: &Log,
+    found: &mut Damage,
+) -> Result<Option<Acknowledged>, StoreError> {
+    let bytes = contents(&folder.join(ACKNOWLEDGED))?;
     if bytes.is_empty() && sums.is_empty() {
-        return None;
+        return Ok(None);
     }
     if let Some(told) = Acknowledged::of_bytes(&bytes) {
-        return (told != Acknowledged::default()).then_some(told);
+        return Ok((told != Acknowledged::default()).then_some(told));
     }
     found.add(format!("{ACKNOWLEDGED} is damaged: nobody can say what the log must hold"));
     found.log = true;
     let length = fs::metadata(folder.join(DATABASE)).map_or(0, |file| file.len());
     let pages = (sums.len() as u64 / 4).min(length / PAGE_BYTES);
     let pages = u32::try_from(pages).unwrap_or(u32::MAX);
-    Some(Acknowledged { salts: log.salts, frames: log.frames, pages, states: 0 })
+    Ok(Some(Acknowledged { salts: log.salts, frames: log.frames, pages, states: 0, carried: 0 }))
 }
 
 /// Those of some pages that are not what their checksums say.
@@ -183,13 +251,28 @@ fn compared(database: &File, sums: &[u8], pages: impl Iterator<Item = u32>) -> V
     pages.filter(is_other).collect()
 }
 
+/// Those of some pages that are not what was noted of them in the database, whatever the log has of them.
+///
+/// # Errors
+/// [`StoreError::Io`].
+pub(super) fn unlike_noted(
+    folder: &Path,
+    database: &File,
+    log: &Log,
+    pages: impl Iterator<Item = u32>,
+) -> Result<Vec<u32>, StoreError> {
+    let sums = contents(&folder.join(SUMS))?;
+    let noted = told(folder, &sums, log, &mut Damage::default())?.map_or(0, |told| told.pages);
+    Ok(compared(database, &sums, pages.filter(|page| (1..=noted).contains(page))))
+}
+
 fn sum_in(sums: &[u8], page: u32) -> Option<u32> {
     let at = (page as usize).checked_sub(1)? * 4;
     Some(u32::from_le_bytes(sums.get(at..at + 4)?.try_into().ok()?))
 }
 
-/// As [`examine`], beside a writer that may be at work: what is found is looked for again, for the files are not read in one
-/// moment.
+/// As [`examine`], beside a writer that may be at work: what is found is looked at again, for the files are not read in one
+/// moment. All pages are read once.
 pub(super) fn examine_beside(folder: &Path) -> Result<Damage, StoreError> {
     let mut found = examine(folder, u32::MAX)?;
     for _ in 0..10 {
@@ -197,10 +280,8 @@ pub(super) fn examine_beside(folder: &Path) -> Result<Damage, StoreError> {
             break;
         }
         std::thread::sleep(std::time::Duration::from_millis(100));
-        let again = examine(folder, u32::MAX)?;
-        found.pages.retain(|page| again.pages.contains(page));
-        found.faults.retain(|fault| again.faults.contains(fault));
-        found.log &= again.log;
+        let these = |pages: u32| found.pages.iter().copied().filter(move |page| *page <= pages);
+        found = examine_some(folder, these)?.confirms(&found);
     }
     Ok(found)
 }
@@ -220,59 +301,33 @@ pub(in crate::store) fn mark(folder: &Path, why: &str) {
 
 /// Whether somebody has to decide, and why.
 pub(in crate::store) fn marked(folder: &Path) -> Option<String> {
-    let why = fs::read(folder.join(DAMAGED)).ok()?;
-    Some(String::from_utf8_lossy(&why).into_owned())
+    let path = folder.join(DAMAGED);
+    match fs::read(&path) {
+        Ok(why) => Some(String::from_utf8_lossy(&why).into_owned()),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => None,
+        // Without a free descriptor nobody could tell, but whether it is there takes none.
+        Err(error) => path.exists().then(|| format!("{DAMAGED} says why, and cannot be read: {error}")),
+    }
 }
 
-/// A page as it was found.
-#[derive(Clone, Debug)]
-pub(super) struct Page {
-    pub bytes: Vec<u8>,
-    /// It is what was written.
-    pub good: bool,
-    /// It is of the log, behind something that is damaged or of a commit that is not whole: it was not in force together with
-    /// the others.
-    pub late: bool,
+fn acknowledged(folder: &Path) -> Result<Option<Acknowledged>, StoreError> {
+    Ok(Acknowledged::of_bytes(&contents(&folder.join(ACKNOWLEDGED))?))
 }
 
-/// Every page as the database last had it: the log's where it has one, else its own; `None` where there is none.
-pub(super) fn pages(folder: &Path) -> Result<Vec<Option<Page>>, StoreError> {
-    let path = folder.join(DATABASE);
-    let bad: HashSet<u32> = examine(folder, u32::MAX)?.pages.into_iter().collect();
-    let mut pages: Vec<Option<Page>> = Vec::new();
-    if let Ok(database) = File::open(&path) {
-        let length = database.metadata().map_err(StoreError::io(&path))?.len();
-        for at in 0..length / PAGE_BYTES {
-            let mut bytes = vec![0; PAGE_BYTES as usize];
-            let is_read = database.read_exact_at(&mut bytes, at * PAGE_BYTES).is_ok();
-            let good = !bad.contains(&(at as u32 + 1));
-            pages.push(is_read.then_some(Page { bytes, good, late: false }));
-        }
-    }
-    let told = fs::read(folder.join(ACKNOWLEDGED)).ok().as_deref().and_then(Acknowledged::of_bytes);
-    let log = log_of(folder);
-    let over = Log::read(&log).map_err(StoreError::io(&log))?;
-    if told.is_some_and(|told| told.frames == 0 && told.salts == over.salts) {
-        return Ok(pages);
-    }
-    Log::frames(&log, true, |number, page, bytes| {
-        let at = (page as usize).saturating_sub(1);
-        if at < MOST_PAGES {
-            if pages.len() <= at {
-                pages.resize(at + 1, None);
-            }
-            let late = number > over.frames;
-            pages[at] = Some(Page { bytes: bytes.to_vec(), good: true, late });
-        }
-    })
-    .map_err(StoreError::io(&log))?;
-    Ok(pages)
+/// Whether all of a log is in the database: then what it still holds is of before.
+///
+/// # Errors
+/// [`StoreError::Io`].
+pub(super) fn is_carried_over(folder: &Path, log: &Log) -> Result<bool, StoreError> {
+    Ok(acknowledged(folder)?.is_some_and(|told| told.is_carried_over(log)))
 }
 
 /// Records of the second copy that were acknowledged; `None` where nobody can say.
-pub(super) fn states_acknowledged(folder: &Path) -> Option<u64> {
-    let told = fs::read(folder.join(ACKNOWLEDGED)).ok().as_deref().and_then(Acknowledged::of_bytes);
-    told.map(|told| told.states)
+///
+/// # Errors
+/// [`StoreError::Io`].
+pub(super) fn states_acknowledged(folder: &Path) -> Result<Option<u64>, StoreError> {
+    Ok(acknowledged(folder)?.map(|told| told.states))
 }
 
 impl Ledger {
@@ -316,8 +371,9 @@ impl Ledger {
     fn drop_what_was_carried_over(&self) -> Result<(), StoreError> {
         let path = log_of(&self.folder);
         let log = Log::read(&path).map_err(StoreError::io(&path))?;
-        let is_over = self.now.frames == 0 && self.now.salts != [0; 8];
-        if is_over && path.exists() && (log.salts == self.now.salts || log.frames == 0) {
+        let is_empty = self.now.frames == 0 && log.frames == 0;
+        let is_over = is_empty || self.now.is_carried_over(&log);
+        if is_over && self.now.salts != [0; 8] && path.exists() {
             let cut = OpenOptions::new().write(true).open(&path).and_then(|file| file.set_len(0));
             cut.map_err(StoreError::io(&path))?;
         }
@@ -343,10 +399,10 @@ impl Ledger {
         self.now.frames
     }
 
-    /// Pages that the log holds, before it is carried over.
-    pub fn in_log(&self) -> Result<HashSet<u32>, StoreError> {
+    /// The log, before it is carried over.
+    pub fn log(&self) -> Result<Log, StoreError> {
         let path = log_of(&self.folder);
-        Ok(Log::read(&path).map_err(StoreError::io(&path))?.pages)
+        Log::read(&path).map_err(StoreError::io(&path))
     }
 
     /// Looks at what the log is about to be carried over: a page that is damaged there would be written over and be noted as it
@@ -363,8 +419,10 @@ impl Ledger {
         Ok(())
     }
 
-    /// These pages were carried over, whole and on disk; of a database that had no ledger all are taken as they are.
-    pub fn carried_over(&mut self, mut changed: HashSet<u32>) -> Result<(), StoreError> {
+    /// This log was carried over, whole and on disk; of a database that had no ledger all pages are taken as they are.
+    pub fn carried_over(&mut self, log: Log) -> Result<(), StoreError> {
+        let salts = if log.frames > 0 { log.salts } else { self.now.salts };
+        let (carried, mut changed) = (log.frames, log.pages);
         let (of_database, of_sums) = (self.folder.join(DATABASE), self.folder.join(SUMS));
         let length = self.database.metadata().map_err(StoreError::io(&of_database))?.len();
         let pages = u32::try_from(length / PAGE_BYTES).unwrap_or(u32::MAX);
@@ -377,7 +435,7 @@ impl Ledger {
             self.sums.write_all_at(&sum, at * 4).map_err(StoreError::io(&of_sums))?;
         }
         self.sums.sync_data().map_err(StoreError::io(&of_sums))?;
-        self.now = Acknowledged { frames: 0, pages, ..self.now };
+        self.now = Acknowledged { salts, frames: 0, pages, carried, ..self.now };
         let told = self.acknowledged.write_all_at(&self.now.to_bytes(), 0);
         told.and_then(|()| self.acknowledged.sync_data())
             .map_err(StoreError::io(&self.folder.join(ACKNOWLEDGED)))?;
@@ -424,3 +482,6 @@ impl Ledger {
 
 /// Files of a ledger, which goes with its database.
 pub(super) const FILES: [&str; 3] = [SUMS, ACKNOWLEDGED, DAMAGED];
+
+#[cfg(test)]
+mod tests;

@@ -31,8 +31,8 @@ impl Store {
     pub(super) fn carry_over(&mut self) -> Result<(), StoreError> {
         self.carried = Instant::now();
         let mut ledger = lock_of(&self.ledger);
-        let changed = ledger.in_log()?;
-        ledger.before_carrying(&changed)?;
+        let log = ledger.log()?;
+        ledger.before_carrying(&log.pages)?;
         let carry = |how: &str| {
             self.db.query_row(&format!("PRAGMA wal_checkpoint({how})"), [], |row| {
                 Ok((row.get::<_, i64>(0)?, row.get::<_, i64>(1)?, row.get::<_, i64>(2)?))
@@ -43,8 +43,8 @@ impl Store {
         if busy != 0 || frames != done {
             return Ok(());
         }
-        ledger.carried_over(changed)?;
-        // One that is not cut is written over from its begin; it is only longer than it need be.
+        ledger.carried_over(log)?;
+        // One that is not cut, because of who reads, is written over from its begin or goes on.
         let _ = carry("TRUNCATE");
         ledger.look()
     }

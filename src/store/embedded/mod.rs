@@ -7,16 +7,20 @@
 //! the chunk they belong to.
 //!
 //! Beside the database lie its `ledger`, which knows of every page what it must be and of the log (`frames`) how far it must
-//! go, and a `second` copy of what nobody could measure again. Of a database that is damaged `salvage` reads what is left, by
-//! its trees (`tree`) and beside them, and `repair` makes a new one of it.
+//! go, and a `second` copy of what nobody could measure again. Of a database that is damaged `salvage` reads what is left, one
+//! of its `pages` at a time, by its trees (`tree`) and beside them; `left` shares that among all who read, and `repair` makes a
+//! new database of it.
 
 mod check;
 mod frames;
 mod ledger;
+mod left;
 mod log;
+mod pages;
 mod read;
 mod repair;
 mod retain;
+mod room;
 mod salvage;
 mod schema;
 mod second;
@@ -26,7 +30,7 @@ mod write;
 
 pub(super) use ledger::{mark, marked};
 pub(super) use read::Reader;
-pub(super) use repair::repair;
+pub(super) use repair::{finish_repair, repair};
 pub(super) use salvage::Loss;
 pub(super) use spool::Part;
 pub(super) use write::Store;

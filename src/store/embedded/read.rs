@@ -1,8 +1,9 @@
 //! The reading side: beside the writer, chunk by chunk, so that memory and the time a snapshot is held stay small.
 
 use super::ledger::{self, Damage};
-use super::salvage::{Loss, salvage};
-use super::{APPLICATION, DATABASE, MAX_TAG, TREND_SPAN, key, schema, start_and_tag};
+use super::left::{self, Left};
+use super::salvage::Loss;
+use super::{APPLICATION, DATABASE, MAX_TAG, TREND_SPAN, key, repair, schema, start_and_tag};
 use crate::signal::Sample;
 use crate::store::backend::Reads;
 use crate::store::rows::{AlarmRow, DiagnosisRow, ModelRow, TagName, TransitionRow};
@@ -10,7 +11,9 @@ use crate::store::walk::over;
 use crate::store::{Checked, Point, StoreError, StoredTag, codec};
 use rusqlite::{Connection, OpenFlags, OptionalExtension, Row, params};
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::ops::Deref;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, MutexGuard};
 use std::time::Duration;
 
 /// Rows that are read through sooner than one is looked up.
@@ -19,23 +22,54 @@ const NEAR: usize = 8;
 /// The store, open for reading; a writer may be at work beside it.
 #[derive(Debug)]
 pub struct Reader {
-    db: Connection,
+    db: Database,
     damaged: u64,
     /// The column of what a run worked on, which a store that was not opened since for writing lacks.
     basis: &'static str,
     /// Whether it may hold states that another store is known to have.
     knows: bool,
-    /// What was lost, of one that is damaged: this is what is left of it.
-    loss: Option<Loss>,
+}
+
+/// What is read.
+#[derive(Debug)]
+enum Database {
+    /// The database of a store.
+    Own(Box<Connection>),
+    /// What is left of one that is damaged.
+    Left(Arc<Left>),
+}
+
+/// The database for one question: nobody else asks what is left of a store meanwhile, so none is asked within another.
+pub(super) enum Asked<'d> {
+    Own(&'d Connection),
+    Left(MutexGuard<'d, Connection>),
+}
+
+impl Deref for Asked<'_> {
+    type Target = Connection;
+
+    fn deref(&self) -> &Connection {
+        match self {
+            Self::Own(db) => db,
+            Self::Left(db) => db,
+        }
+    }
 }
 
 impl Reader {
-    /// Opens the store in a folder.
+    /// Opens the store in a folder; of one that is damaged, what is left of it.
     ///
     /// # Errors
     /// [`StoreError::Missing`], [`StoreError::Foreign`], [`StoreError::TooNew`], [`StoreError::Database`].
     pub fn open(folder: &Path) -> Result<Self, StoreError> {
-        if ledger::marked(folder).is_some() { Self::of_what_is_left(folder) } else { Self::as_it_is(folder) }
+        if let Some(repaired) = repair::unfinished(folder) {
+            return Self::at(repaired);
+        }
+        if ledger::marked(folder).is_some() {
+            return Self::of_what_is_left(folder);
+        }
+        left::forget(folder);
+        Self::as_it_is(folder)
     }
 
     /// Opens the store in a folder after looking at all of it; where it is damaged what is left of it.
@@ -44,7 +78,8 @@ impl Reader {
     /// As [`Reader::open`].
     pub fn looked_at(folder: &Path) -> Result<Self, StoreError> {
         let is_there = folder.join(DATABASE).is_file();
-        if is_there && ledger::examine_beside(folder)? == Damage::default() {
+        let is_begun = repair::unfinished(folder).is_some();
+        if is_begun || is_there && ledger::examine_beside(folder)? == Damage::default() {
             return Self::open(folder);
         }
         if is_there || ledger::marked(folder).is_some() {
@@ -54,8 +89,9 @@ impl Reader {
     }
 
     fn of_what_is_left(folder: &Path) -> Result<Self, StoreError> {
-        let (db, loss) = salvage(folder, None)?;
-        Ok(Self { db, damaged: loss.blobs, basis: "basis", knows: true, loss: Some(loss) })
+        let left = left::of(folder)?;
+        let damaged = left.loss().blobs;
+        Ok(Self { db: Database::Left(left), damaged, basis: "basis", knows: true })
     }
 
     /// Opens the database as SQLite reads it.
@@ -67,6 +103,10 @@ impl Reader {
         if !path.is_file() {
             return Err(StoreError::Missing(folder.to_path_buf()));
         }
+        Self::at(path)
+    }
+
+    fn at(path: PathBuf) -> Result<Self, StoreError> {
         let db = Connection::open_with_flags(&path, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
         db.busy_timeout(Duration::from_secs(5))?;
         let application: i64 = db.pragma_query_value(None, "application_id", |row| row.get(0))?;
@@ -76,11 +116,14 @@ impl Reader {
         let version = schema::version(&db)?;
         let basis = if version >= 2 { "basis" } else { "NULL AS basis" };
         db.set_prepared_statement_cache_capacity(32);
-        Ok(Self { db, damaged: 0, basis, knows: version >= 5, loss: None })
+        Ok(Self { db: Database::Own(Box::new(db)), damaged: 0, basis, knows: version >= 5 })
     }
 
-    pub(super) fn database(&self) -> &Connection {
-        &self.db
+    pub(super) fn database(&self) -> Asked<'_> {
+        match &self.db {
+            Database::Own(db) => Asked::Own(db),
+            Database::Left(left) => Asked::Left(left.database()),
+        }
     }
 
     /// The models and states of alarms that were written here: of a spool, those that wait.
@@ -97,8 +140,8 @@ impl Reader {
     }
 
     fn alarms_in(&self, table: &str) -> Result<Vec<AlarmRow>, StoreError> {
-        let mut query =
-            self.db.prepare_cached(&format!("SELECT * FROM {table} ORDER BY control_loop, kind"))?;
+        let db = self.database();
+        let mut query = db.prepare_cached(&format!("SELECT * FROM {table} ORDER BY control_loop, kind"))?;
         let rows = query.query_map([], alarm)?;
         Ok(rows.collect::<Result<_, _>>()?)
     }
@@ -107,7 +150,8 @@ impl Reader {
         let sql = format!(
             "SELECT control_loop, version, since, effects FROM {table} ORDER BY control_loop, version"
         );
-        let mut query = self.db.prepare_cached(&sql)?;
+        let db = self.database();
+        let mut query = db.prepare_cached(&sql)?;
         let rows = query.query_map([], |row| {
             Ok(ModelRow {
                 control_loop: row.get(0)?,
@@ -126,9 +170,9 @@ impl Reads for Reader {
     }
 
     fn tags(&self) -> Result<Vec<StoredTag>, StoreError> {
-        let mut query = self
-            .db
-            .prepare_cached("SELECT id, control_loop, tag, source, unit, era FROM tags ORDER BY id")?;
+        let db = self.database();
+        let mut query =
+            db.prepare_cached("SELECT id, control_loop, tag, source, unit, era FROM tags ORDER BY id")?;
         let tags = query.query_map([], |row| {
             let name = TagName {
                 control_loop: row.get(1)?,
@@ -142,24 +186,22 @@ impl Reads for Reader {
     }
 
     fn next_start(&self, from: i64) -> Result<Option<i64>, StoreError> {
-        let chunk: Option<i64> = self
-            .db
+        let db = self.database();
+        let chunk: Option<i64> = db
             .prepare_cached("SELECT min(key) FROM chunks WHERE key >= ?1")?
             .query_row([key(from.max(0), 0)], |row| row.get(0))?;
-        let open: Option<i64> = self
-            .db
+        let open: Option<i64> = db
             .prepare_cached("SELECT min(start) FROM journal WHERE start >= ?1")?
             .query_row([from], |row| row.get(0))?;
         Ok(chunk.map(|key| start_and_tag(key).0).into_iter().chain(open).min())
     }
 
     fn previous_start(&self, before: i64) -> Result<Option<i64>, StoreError> {
-        let chunk: Option<i64> = self
-            .db
+        let db = self.database();
+        let chunk: Option<i64> = db
             .prepare_cached("SELECT max(key) FROM chunks WHERE key < ?1")?
             .query_row([before.checked_mul(1 << 24).unwrap_or(i64::MAX)], |row| row.get(0))?;
-        let open: Option<i64> = self
-            .db
+        let open: Option<i64> = db
             .prepare_cached("SELECT max(start) FROM journal WHERE start < ?1")?
             .query_row([before], |row| row.get(0))?;
         Ok(chunk.map(|key| start_and_tag(key).0).into_iter().chain(open).max())
@@ -172,7 +214,8 @@ impl Reads for Reader {
     ) -> Result<BTreeMap<u32, Vec<Sample>>, StoreError> {
         let mut damaged = 0;
         // One snapshot, so that a roll in between neither hides nor doubles a sample.
-        let snapshot = self.db.unchecked_transaction()?;
+        let db = self.database();
+        let snapshot = db.unchecked_transaction()?;
         let mut found: BTreeMap<u32, Vec<Sample>> = BTreeMap::new();
         let mut take = |tag: u32, blob: &[u8]| match codec::decode(blob) {
             Some(samples) => found.entry(tag).or_default().extend(samples),
@@ -217,6 +260,7 @@ impl Reads for Reader {
             }
         }
         drop(snapshot);
+        drop(db);
         self.damaged += damaged;
         found.values_mut().for_each(codec::unique);
         Ok(found)
@@ -228,13 +272,13 @@ impl Reads for Reader {
         while start < to {
             // The next row of any tag says where there is something at all.
             let next: Option<i64> = self
-                .db
+                .database()
                 .prepare_cached("SELECT min(key) FROM trends WHERE key >= ?1")?
                 .query_row([key(start, tag)], |row| row.get(0))?;
             let Some((found, other)) = next.map(start_and_tag) else { break };
             if other == tag && found < to {
                 let blob: Vec<u8> = self
-                    .db
+                    .database()
                     .prepare_cached("SELECT points FROM trends WHERE key = ?1")?
                     .query_row([key(found, tag)], |row| row.get(0))?;
                 match decode_points(&blob) {
@@ -252,7 +296,8 @@ impl Reads for Reader {
         let sql = format!(
             "SELECT {DIAGNOSIS}, report, {basis}, id FROM diagnoses WHERE id > ?1 ORDER BY id LIMIT ?2"
         );
-        let mut query = self.db.prepare_cached(&sql)?;
+        let db = self.database();
+        let mut query = db.prepare_cached(&sql)?;
         let rows = query.query_map(params![after, limit as i64], |row| {
             Ok((
                 row.get("id")?,
@@ -266,11 +311,12 @@ impl Reads for Reader {
         let sql = format!(
             "SELECT {DIAGNOSIS} FROM diagnoses WHERE control_loop = ?1 ORDER BY finished DESC LIMIT ?2"
         );
-        let mut query = self.db.prepare_cached(&sql)?;
+        let db = self.database();
+        let mut query = db.prepare_cached(&sql)?;
         let rows = query.query_map(params![control_loop, count as i64], diagnosis)?;
         let mut rows = rows.collect::<Result<Vec<_>, _>>()?;
         rows.reverse();
-        let mut latest = self.db.prepare_cached(&format!(
+        let mut latest = db.prepare_cached(&format!(
             "SELECT {DIAGNOSIS}, report FROM diagnoses WHERE control_loop = ?1 AND report IS NOT NULL
              ORDER BY finished DESC LIMIT 1"
         ))?;
@@ -290,7 +336,8 @@ impl Reads for Reader {
 
     fn model(&self, control_loop: &str) -> Result<Option<ModelRow>, StoreError> {
         let known = "UNION ALL SELECT version, since, effects FROM known_models WHERE control_loop = ?1";
-        let mut query = self.db.prepare_cached(&format!(
+        let db = self.database();
+        let mut query = db.prepare_cached(&format!(
             "SELECT version, since, effects FROM models WHERE control_loop = ?1 {} ORDER BY version DESC LIMIT 1",
             if self.knows { known } else { "" }
         ))?;
@@ -312,7 +359,9 @@ impl Reads for Reader {
     fn alarm(&self, control_loop: &str, kind: &str) -> Result<Option<AlarmRow>, StoreError> {
         let here = |table: &str| -> Result<Option<AlarmRow>, StoreError> {
             let sql = format!("SELECT * FROM {table} WHERE control_loop = ?1 AND kind = ?2");
-            Ok(self.db.prepare_cached(&sql)?.query_row([control_loop, kind], alarm).optional()?)
+            let db = self.database();
+            let mut query = db.prepare_cached(&sql)?;
+            Ok(query.query_row([control_loop, kind], alarm).optional()?)
         };
         match here("alarms")? {
             None if self.knows => here("known_alarms"),
@@ -321,7 +370,8 @@ impl Reads for Reader {
     }
 
     fn last_transitions(&self, limit: usize) -> Result<Vec<TransitionRow>, StoreError> {
-        let mut query = self.db.prepare_cached("SELECT * FROM transitions ORDER BY id DESC LIMIT ?1")?;
+        let db = self.database();
+        let mut query = db.prepare_cached("SELECT * FROM transitions ORDER BY id DESC LIMIT ?1")?;
         let rows = query.query_map([limit as i64], transition)?;
         let mut rows: Vec<TransitionRow> = rows.collect::<Result<_, _>>()?;
         rows.reverse();
@@ -329,8 +379,8 @@ impl Reads for Reader {
     }
 
     fn transitions(&self, after: i64, limit: usize) -> Result<Vec<(i64, TransitionRow)>, StoreError> {
-        let mut query =
-            self.db.prepare_cached("SELECT * FROM transitions WHERE id > ?1 ORDER BY id LIMIT ?2")?;
+        let db = self.database();
+        let mut query = db.prepare_cached("SELECT * FROM transitions WHERE id > ?1 ORDER BY id LIMIT ?2")?;
         let rows =
             query.query_map(params![after, limit as i64], |row| Ok((row.get("id")?, transition(row)?)))?;
         Ok(rows.collect::<Result<_, _>>()?)
@@ -341,7 +391,10 @@ impl Reads for Reader {
     }
 
     fn loss(&self) -> Option<&Loss> {
-        self.loss.as_ref()
+        match &self.db {
+            Database::Own(_) => None,
+            Database::Left(left) => Some(left.loss()),
+        }
     }
 }
 

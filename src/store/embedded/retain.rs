@@ -1,12 +1,13 @@
 //! What is old becomes a trend, and what is older goes: a little at a time, so that nobody waits for it.
 
 use super::read::{decode_points, encode_points};
+use super::room::beyond;
 use super::write::damaged;
 use super::{MAX_TAG, Store, TREND_SPAN, key, start_and_tag};
 use crate::signal::Sample;
 use crate::store::backend::Writes;
 use crate::store::{Point, StoreError, codec};
-use rusqlite::{OptionalExtension, Transaction, TransactionBehavior, params};
+use rusqlite::{OptionalExtension, Transaction, params};
 use std::collections::BTreeMap;
 
 /// Time between two looks at what is old (s), unless there is more to do.
@@ -42,12 +43,14 @@ pub(super) fn make_room(store: &mut Store, now: f64) -> Result<bool, StoreError>
 }
 
 fn by_age(store: &mut Store, now: f64) -> Result<bool, StoreError> {
+    let now = store.age.now(now);
     let day = |days: f64| now - days * DAY_S;
     let config = store.config.clone();
     if let Some(start) =
         first(store, "chunks")?.filter(|start| ((start + WINDOW) as f64) < day(config.samples_days))
     {
         thin(store, start)?;
+        store.age.thinned(WINDOW);
         return Ok(true);
     }
     if let Some(start) =
@@ -100,11 +103,16 @@ fn drop_trends(store: &mut Store, start: i64) -> Result<(), StoreError> {
 
 fn drop_chunks(store: &mut Store, start: i64) -> Result<(), StoreError> {
     {
-        let mut going = store.db.prepare_cached("SELECT samples FROM chunks WHERE key BETWEEN ?1 AND ?2")?;
+        let mut going =
+            store.db.prepare_cached("SELECT key, samples FROM chunks WHERE key BETWEEN ?1 AND ?2")?;
         let mut rows = going.query([key(start, 0), key(start, MAX_TAG)])?;
         while let Some(row) = rows.next()? {
-            let samples = codec::decode(row.get_ref(0)?.as_blob().unwrap_or_default());
-            store.dropped += samples.map_or(0, |samples| samples.len() as u64);
+            let (start, tag) = start_and_tag(row.get(0)?);
+            let Some(samples) = codec::decode(row.get_ref(1)?.as_blob().unwrap_or_default()) else {
+                store.damaged += 1;
+                return Err(damaged(start, tag));
+            };
+            store.dropped += samples.len() as u64;
         }
     }
     store
@@ -145,29 +153,32 @@ fn thin(store: &mut Store, start: i64) -> Result<(), StoreError> {
     let from = start.div_euclid(WINDOW) * WINDOW;
     let trend_s = i64::from(store.config.trend_s).max(1);
     let keeps = store.config.trend_days > 0.0;
-    let (first, last) = (key(from, 0), key(from + WINDOW, 0) - 1);
-    let thinning = store.db.transaction_with_behavior(TransactionBehavior::Immediate)?;
-    {
+    let ends = [key(from, 0), key(from + WINDOW, 0) - 1];
+    let mut dropped = 0;
+    let thinned = beyond(&mut store.db, store.config.max_mb, |thinning| {
         let mut gathered: BTreeMap<(u32, i64), Gathered> = BTreeMap::new();
-        let mut chunks =
-            thinning.prepare_cached("SELECT key, samples FROM chunks WHERE key BETWEEN ?1 AND ?2")?;
-        let mut rows = chunks.query([first, last])?;
-        while let Some(row) = rows.next()? {
-            let (start, tag) = start_and_tag(row.get(0)?);
-            match codec::decode(row.get_ref(1)?.as_blob().unwrap_or_default()) {
-                Some(samples) if keeps => gather(&mut gathered, tag, &samples, trend_s),
-                Some(samples) => store.dropped += samples.len() as u64,
-                None => {
-                    store.damaged += 1;
-                    return Err(damaged(start, tag));
+        {
+            let mut chunks =
+                thinning.prepare_cached("SELECT key, samples FROM chunks WHERE key BETWEEN ?1 AND ?2")?;
+            let mut rows = chunks.query(ends)?;
+            while let Some(row) = rows.next()? {
+                let (start, tag) = start_and_tag(row.get(0)?);
+                match codec::decode(row.get_ref(1)?.as_blob().unwrap_or_default()) {
+                    Some(samples) if keeps => gather(&mut gathered, tag, &samples, trend_s),
+                    Some(samples) => dropped += samples.len() as u64,
+                    None => return Err(damaged(start, tag)),
                 }
             }
         }
-        put_points(&thinning, gathered)?;
+        // First what goes: a database that is full has its pages for what comes.
+        thinning.execute("DELETE FROM chunks WHERE key BETWEEN ?1 AND ?2", ends)?;
+        put_points(thinning, gathered)
+    });
+    match &thinned {
+        Ok(()) => store.dropped += dropped,
+        Err(error) => store.damaged += u64::from(error.is_damage()),
     }
-    thinning.execute("DELETE FROM chunks WHERE key BETWEEN ?1 AND ?2", [first, last])?;
-    thinning.commit()?;
-    Ok(())
+    thinned
 }
 
 fn gather(gathered: &mut BTreeMap<(u32, i64), Gathered>, tag: u32, samples: &[Sample], trend_s: i64) {
@@ -196,7 +207,11 @@ fn put_points(db: &Transaction<'_>, gathered: BTreeMap<(u32, i64), Gathered>) ->
             .prepare_cached("SELECT points FROM trends WHERE key = ?1")?
             .query_row([key], |row| row.get(0))
             .optional()?;
-        let mut all = there.as_deref().and_then(decode_points).unwrap_or_default();
+        let mut all = match there.as_deref() {
+            None => Vec::new(),
+            // What is damaged is not written over: nobody would ever know of it.
+            Some(blob) => decode_points(blob).ok_or_else(|| damaged_trend(key))?,
+        };
         all.extend(points);
         // A point made of more samples, those that came late being few, was made first.
         all.sort_by(|a, b| a.t.total_cmp(&b.t));
@@ -207,12 +222,24 @@ fn put_points(db: &Transaction<'_>, gathered: BTreeMap<(u32, i64), Gathered>) ->
     Ok(())
 }
 
+/// A row of trends whose bytes are not what was written.
+fn damaged_trend(key: i64) -> StoreError {
+    let (start, tag) = start_and_tag(key);
+    StoreError::Damaged(format!("trend {start} of tag {tag}: the bytes are damaged"))
+}
+
 /// Gives pages back that nothing will soon fill again.
 fn shrink(store: &Store) -> Result<(), StoreError> {
     let free: i64 = store.db.pragma_query_value(None, "freelist_count", |row| row.get(0))?;
     let pages: i64 = store.db.pragma_query_value(None, "page_count", |row| row.get(0))?;
     if free > SPARE_PAGES && free > pages / 4 {
-        store.db.execute_batch("PRAGMA incremental_vacuum(1000)")?;
+        let mut vacuum = store.db.prepare("PRAGMA incremental_vacuum(1000)")?;
+        let mut pages = vacuum.query([])?;
+        // Each step gives back one page.
+        while pages.next()?.is_some() {}
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests;

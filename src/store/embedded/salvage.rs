@@ -3,6 +3,7 @@
 //! like; the order of the columns is that of `schema`.
 
 use super::ledger;
+use super::pages::Pages;
 use super::second::{self, Kept};
 use super::tree::{self, Row as Found, Trees};
 use super::{schema, start_and_tag, write};
@@ -62,7 +63,7 @@ const IN_ORDER: &str = "CREATE TEMP TABLE happened AS SELECT * FROM transitions 
     DROP TABLE happened;";
 
 /// Reads all that can be read into a database of its own: one in memory and on disk as there is room, gone when it is closed,
-/// or at a path.
+/// or at a path. Pages are read one at a time: memory does not grow with the store.
 pub(super) fn salvage(folder: &Path, to: Option<&Path>) -> Result<(Connection, Loss), StoreError> {
     let found = match to {
         // Who makes a new one has the lock: nobody else is at work.
@@ -71,24 +72,26 @@ pub(super) fn salvage(folder: &Path, to: Option<&Path>) -> Result<(Connection, L
     };
     let why = ledger::marked(folder).filter(|_| found.faults.is_empty());
     let mut loss = Loss { damage: why.unwrap_or_else(|| found.told()), ..Loss::default() };
-    let pages = ledger::pages(folder)?;
+    let pages = Pages::of(folder, &found)?;
     let mut db = match to {
         Some(path) => write::fresh(path)?,
         None => Connection::open("")?,
     };
     schema::migrate(&mut db)?;
     let taking = db.transaction()?;
-    let leaves = (0..pages.len()).flat_map(|page| tree::rows(&pages, page));
-    for Found { key, values, good, .. } in leaves {
-        // Of a page that is not what was written only what has a checksum of its own is believed.
-        let believed = |table: &usize| good || SEALED.contains(&TABLES[*table].0);
-        if let Some(table) = table_of(&values).filter(believed)
-            && !take(&taking, table, key, values)?
-        {
-            loss.blobs += 1;
-        }
+    for page in pages.numbers() {
+        tree::rows(&pages, page, |Found { key, values, good, .. }| {
+            // Of a page that is not what was written only what has a checksum of its own is believed.
+            let believed = |table: &usize| good || SEALED.contains(&TABLES[*table].0);
+            if let Some(table) = table_of(&values).filter(believed)
+                && !take(&taking, table, key, values)?
+            {
+                loss.blobs += 1;
+            }
+            Ok::<_, StoreError>(())
+        })?;
     }
-    let (kept, lost) = second::read(folder);
+    let (kept, lost) = second::read(folder)?;
     restore(&taking, &kept)?;
     let trees = Trees::of(&pages);
     let all_states = put_states(&taking, &trees, &kept, found.log)?;
@@ -115,8 +118,8 @@ fn put_states(
     kept: &Kept,
     log_lacks: bool,
 ) -> Result<bool, StoreError> {
-    let changes = trees.table("transitions");
-    let newest = changes.rows.iter().max_by_key(|(number, _)| *number);
+    let changes = trees.newest("transitions");
+    let newest = changes.rows.first();
     let copy_is_newer =
         log_lacks && newest.is_none_or(|(_, row)| kept.changes.iter().any(|change| is(change, row)));
     let [alarms, models, known_alarms, known_models] =

@@ -128,12 +128,14 @@ fn record(text: &str, number: u64, sum: &mut u32) -> Vec<u8> {
 }
 
 /// Reads what is good of it, and whether that is all that was acknowledged: how many records are missing.
-pub(super) fn read(folder: &Path) -> (Kept, u64) {
-    let bytes = fs::read(folder.join(STATES)).unwrap_or_default();
-    let kept = decode(&bytes);
-    let told = ledger::states_acknowledged(folder).unwrap_or(kept.records);
+///
+/// # Errors
+/// [`StoreError::Io`] where a file that is there cannot be opened.
+pub(super) fn read(folder: &Path) -> Result<(Kept, u64), StoreError> {
+    let kept = decode(&ledger::contents(&folder.join(STATES))?);
+    let told = ledger::states_acknowledged(folder)?.unwrap_or(kept.records);
     let lost = told.saturating_sub(kept.records).max(u64::from(!kept.whole));
-    (kept, lost)
+    Ok((kept, lost))
 }
 
 fn decode(bytes: &[u8]) -> Kept {

@@ -1,7 +1,8 @@
 //! The store as a spool: what waits for another store is taken out part by part, and goes once it is delivered there.
 
 use super::read::Reader;
-use super::write::{PAGE_BYTES, Store, put_alarm, put_row};
+use super::room::beyond;
+use super::write::{Store, put_alarm, put_row};
 use super::{MAX_TAG, key};
 use crate::store::backend::{Found, Reads};
 use crate::store::{AlarmRow, DiagnosisRow, ModelRow, Row, Series, StoreError, TransitionRow};
@@ -11,9 +12,6 @@ use std::sync::Arc;
 
 /// Rows that are delivered in one go.
 const ROWS: usize = 500;
-
-/// Pages beyond the room there is, for states: a spool that is full of samples must still be able to let them go.
-const RESERVE: u64 = 1024;
 
 /// What waits of states is known to be delivered; of a model the latest version.
 const STATES_ARE_THERE: &str = "INSERT OR REPLACE INTO known_alarms SELECT * FROM alarms;
@@ -143,20 +141,12 @@ impl Store {
         self.beyond(|own| Ok(own.execute_batch(STATES_ARE_THERE)?))
     }
 
-    /// A transaction that has a little more room than there is.
+    /// As [`beyond`]: also a spool that is full of samples holds states, and lets them go.
     fn beyond(
         &mut self,
         act: impl FnOnce(&Transaction<'_>) -> Result<(), StoreError>,
     ) -> Result<(), StoreError> {
-        let pages = self.config.max_mb * 1_000_000 / PAGE_BYTES;
-        self.db.pragma_update(None, "max_page_count", (pages + RESERVE) as i64)?;
-        let acted = (|| {
-            let acting = self.db.transaction_with_behavior(TransactionBehavior::Immediate)?;
-            act(&acting)?;
-            Ok(acting.commit()?)
-        })();
-        self.db.pragma_update(None, "max_page_count", pages as i64)?;
-        acted
+        beyond(&mut self.db, self.config.max_mb, act)
     }
 
     /// Remembers states as those that the store which this one waits for has.

@@ -26,7 +26,7 @@ impl Folder {
         Self(path)
     }
 
-    fn config(&self) -> Config {
+    pub(super) fn config(&self) -> Config {
         Config { chunk_s: 60, ..Config::new(&self.0) }
     }
 }
@@ -37,7 +37,7 @@ impl Drop for Folder {
     }
 }
 
-fn tag(control_loop: &str, tag: &str) -> Arc<TagName> {
+pub(super) fn tag(control_loop: &str, tag: &str) -> Arc<TagName> {
     Arc::new(TagName {
         control_loop: control_loop.into(),
         tag: tag.into(),
@@ -46,16 +46,16 @@ fn tag(control_loop: &str, tag: &str) -> Arc<TagName> {
     })
 }
 
-fn batch(tag: &Arc<TagName>, samples: Vec<Sample>) -> Batch {
+pub(super) fn batch(tag: &Arc<TagName>, samples: Vec<Sample>) -> Batch {
     Batch { series: vec![Series { tag: tag.clone(), samples }], rows: Vec::new() }
 }
 
-fn good(range: std::ops::Range<u32>) -> Vec<Sample> {
+pub(super) fn good(range: std::ops::Range<u32>) -> Vec<Sample> {
     range.map(|i| Sample::good(1000.0 + f64::from(i), f64::from(i) * 0.5)).collect()
 }
 
 /// Everything that is kept of a tag, chunk by chunk.
-fn all(folder: &Folder) -> BTreeMap<u32, Vec<Sample>> {
+pub(super) fn all(folder: &Folder) -> BTreeMap<u32, Vec<Sample>> {
     let mut reader = Reader::open(&folder.0).expect("opens");
     let mut found: BTreeMap<u32, Vec<Sample>> = BTreeMap::new();
     let mut from = 0;
@@ -69,7 +69,7 @@ fn all(folder: &Folder) -> BTreeMap<u32, Vec<Sample>> {
     found
 }
 
-fn whole(folder: &Folder) -> Checked {
+pub(super) fn whole(folder: &Folder) -> Checked {
     let checked = check(&folder.0).expect("can be read");
     assert_eq!(checked.faults, [""; 0]);
     checked
@@ -168,7 +168,8 @@ fn a_damaged_page_is_not_written_over() {
     drop(store);
     assert!(Store::open(&folder.config()).is_err_and(|error| error.is_damage()));
     let left = Reader::open(&folder.0).expect("can be read");
-    assert_eq!(left.alarms().expect("reads"), [alarm(true)], "the log has what was acknowledged last");
+    assert_eq!(left.alarms().expect("reads"), [alarm(true)], "the second copy has the last of them");
+    assert_eq!(left.lost().map(|(_, states)| states), Some(0));
 }
 
 /// By size while much is written and somebody reads, by time while little is.

@@ -2,7 +2,7 @@
 //! tree leads to by good pages alone is in force, while a leaf by itself may be of before. See the SQLite file format,
 //! sections 1.6 and 2.
 
-use super::ledger::Page;
+use super::pages::Pages;
 use super::write::PAGE_BYTES;
 use rusqlite::types::Value;
 use std::collections::HashMap;
@@ -16,6 +16,8 @@ const LEAF_TABLE: u8 = 0x0d;
 const OF_FILE: usize = 100;
 /// Longest row that is put together (bytes): a blob of the store is far shorter.
 const LONGEST: usize = 1 << 24;
+/// Most columns of a row: no table has a quarter of them, while a head that is damaged may tell of millions.
+const COLUMNS: usize = 100;
 const USABLE: usize = PAGE_BYTES as usize;
 
 /// A row as it was found.
@@ -25,22 +27,30 @@ pub(super) struct Row {
     pub values: Vec<Value>,
     /// All it lies on is what was written.
     pub good: bool,
-    /// Something of it is, see [`Page::late`].
+    /// Something of it is, see [`Page::late`](super::pages::Page::late).
     pub late: bool,
 }
 
-/// The rows of a leaf of a table by number; none of any other page.
-pub(super) fn rows(pages: &[Option<Page>], at: usize) -> Vec<Row> {
-    let Some(own) = pages[at].as_ref() else { return Vec::new() };
+/// Hands out the rows of a leaf of a table by number, one at a time: a page that is damaged may lead to any number of long ones.
+/// There is none on any other page.
+///
+/// # Errors
+/// That of `each`, which ends it.
+pub(super) fn rows<E>(pages: &Pages, at: u32, mut each: impl FnMut(Row) -> Result<(), E>) -> Result<(), E> {
+    let Some(own) = pages.get(at) else { return Ok(()) };
     let page = own.bytes.as_slice();
-    let start = if at == 0 { OF_FILE } else { 0 };
+    let start = if at == 1 { OF_FILE } else { 0 };
     if page.get(start) != Some(&LEAF_TABLE) {
-        return Vec::new();
+        return Ok(());
     }
-    let count = usize::from(short(page, start + 3));
-    let cells = (0..count).map(|n| usize::from(short(page, start + 8 + 2 * n)));
-    let found = cells.filter_map(|cell| row(pages, page, cell, true));
-    found.map(|row| Row { good: row.good && own.good, late: row.late || own.late, ..row }).collect()
+    // A page has no room for more cells, whatever it says.
+    let count = usize::from(short(page, start + 3)).min(USABLE / 2);
+    for cell in (0..count).map(|n| usize::from(short(page, start + 8 + 2 * n))) {
+        if let Some(row) = row(pages, page, cell, true) {
+            each(Row { good: row.good && own.good, late: row.late || own.late, ..row })?;
+        }
+    }
+    Ok(())
 }
 
 /// What the tree of a table leads to.
@@ -54,13 +64,13 @@ pub(super) struct Reached {
 
 /// The trees of a database.
 pub(super) struct Trees<'p> {
-    pages: &'p [Option<Page>],
+    pages: &'p Pages,
     /// First pages of the tables.
     roots: HashMap<String, u32>,
 }
 
 impl<'p> Trees<'p> {
-    pub fn of(pages: &'p [Option<Page>]) -> Self {
+    pub fn of(pages: &'p Pages) -> Self {
         let mut trees = Self { pages, roots: HashMap::new() };
         // Columns of the table that names all others: type, name, table, first page, SQL.
         let mut roots = HashMap::new();
@@ -78,24 +88,39 @@ impl<'p> Trees<'p> {
     /// A table.
     pub fn table(&self, name: &str) -> Reached {
         let mut rows = Vec::new();
-        let root = self.roots.get(name).copied();
-        let whole = root.is_some_and(|root| self.walk(root, &mut |key, values| rows.push((key, values))));
+        let whole = self.each(name, &mut |key, values| rows.push((key, values)));
         Reached { rows, whole }
+    }
+
+    /// A table, of its rows only the one with the highest number: what happened may be far more than has to be in memory.
+    pub fn newest(&self, name: &str) -> Reached {
+        let mut newest: Option<(i64, Vec<Value>)> = None;
+        let whole = self.each(name, &mut |key, values| {
+            if newest.as_ref().is_none_or(|(last, _)| *last <= key) {
+                newest = Some((key, values));
+            }
+        });
+        Reached { rows: newest.into_iter().collect(), whole }
     }
 
     /// Whether everything of a table is in force and can be read.
     pub fn is_whole(&self, name: &str) -> bool {
-        self.roots.get(name).is_some_and(|root| self.walk(*root, &mut |_, _| ()))
+        self.each(name, &mut |_, _| ())
+    }
+
+    /// Hands out the rows of a table that are in force; whether those are all.
+    fn each(&self, name: &str, each: &mut dyn FnMut(i64, Vec<Value>)) -> bool {
+        self.roots.get(name).is_some_and(|root| self.walk(*root, each))
     }
 
     /// Hands out the rows that a page leads to; whether those are all.
     fn walk(&self, root: u32, each: &mut dyn FnMut(i64, Vec<Value>)) -> bool {
-        let (mut next, mut whole, mut left) = (vec![root], true, self.pages.len());
+        let (mut next, mut whole, mut left) = (vec![root], true, self.pages.count());
         while let Some(number) = next.pop() {
             // No tree has more pages than there are: it is a circle.
             let Some(rest) = left.checked_sub(1) else { return false };
             left = rest;
-            let page = (number as usize).checked_sub(1).and_then(|at| self.pages.get(at)?.as_ref());
+            let page = self.pages.get(number);
             let start = if number == 1 { OF_FILE } else { 0 };
             whole &= page
                 .filter(|page| page.good && !page.late)
@@ -148,7 +173,7 @@ fn number(page: &[u8], at: usize) -> Option<u32> {
 }
 
 /// A row of a table by number, or of one by name.
-fn row(pages: &[Option<Page>], page: &[u8], cell: usize, is_numbered: bool) -> Option<Row> {
+fn row(pages: &Pages, page: &[u8], cell: usize, is_numbered: bool) -> Option<Row> {
     let mut at = cell;
     let length = usize::try_from(varint(page, &mut at)?).ok().filter(|length| *length <= LONGEST)?;
     let key = if is_numbered { varint(page, &mut at)? } else { 0 };
@@ -166,7 +191,7 @@ struct Payload {
 }
 
 /// Some of a row's bytes lie beside others, the rest on pages of their own.
-fn payload(pages: &[Option<Page>], page: &[u8], at: usize, length: usize, most: usize) -> Option<Payload> {
+fn payload(pages: &Pages, page: &[u8], at: usize, length: usize, most: usize) -> Option<Payload> {
     if length <= most {
         let bytes = page.get(at..at + length)?.to_vec();
         return Some(Payload { bytes, good: true, late: false });
@@ -177,7 +202,7 @@ fn payload(pages: &[Option<Page>], page: &[u8], at: usize, length: usize, most: 
     let mut bytes = page.get(at..at + own)?.to_vec();
     let (mut next, mut good, mut late) = (number(page, at + own)?, true, false);
     while bytes.len() < length {
-        let over = pages.get((next as usize).checked_sub(1)?)?.as_ref()?;
+        let over = pages.get(next)?;
         (good, late) = (good && over.good, late || over.late);
         let over = over.bytes.as_slice();
         let more = (length - bytes.len()).min(USABLE - 4);
@@ -210,6 +235,9 @@ fn values(record: &[u8]) -> Option<Vec<Value>> {
     let mut body = head;
     let mut values = Vec::new();
     while at < head {
+        if values.len() == COLUMNS {
+            return None;
+        }
         let kind = varint(record, &mut at)?;
         let length = match kind {
             0 | 8 | 9 => 0,

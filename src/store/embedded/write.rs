@@ -2,9 +2,11 @@
 
 use super::ledger::{self, Ledger};
 use super::read::Reader;
+use super::room::pages_of;
 use super::second::{self, Second};
-use super::{APPLICATION, DATABASE, LOCK, MAX_TAG, key, retain, schema};
+use super::{APPLICATION, DATABASE, LOCK, MAX_TAG, key, repair, retain, schema};
 use crate::signal::Sample;
+use crate::store::age::Age;
 use crate::store::backend::{Reads, Writes};
 use crate::store::rows::{AlarmRow, Batch, DiagnosisRow, ModelRow, Row, Series, TagName, TransitionRow};
 use crate::store::{Config, StoreError, StoredTag, Usage, codec, start_of};
@@ -46,8 +48,11 @@ pub struct Store {
     rolled: i64,
     /// When retention was last looked at (s).
     pub(super) retained: f64,
+    pub(super) age: Age,
     /// Samples whose stamp no key holds, refused.
     pub(super) refused: u64,
+    /// Samples that were inserted at a time at which their tag had one.
+    twice: u64,
     /// Blobs that were found damaged.
     pub(super) damaged: u64,
     /// Samples that were thinned to nothing, because no trends are kept.
@@ -63,6 +68,10 @@ impl Store {
         let folder = &config.folder;
         fs::create_dir_all(folder).map_err(StoreError::io(folder))?;
         let lock = lock(folder)?;
+        if let Some(aside) = repair::finish(folder)? {
+            let aside = aside.display();
+            tracing::warn!(%aside, "a repair of the store was interrupted, and is ended now");
+        }
         let path = folder.join(DATABASE);
         let ledger = Arc::new(Mutex::new(Ledger::open(folder, config.upkeep)?));
         let mut db = Connection::open(&path)?;
@@ -95,7 +104,9 @@ impl Store {
             open_samples: 0,
             rolled: 0,
             retained: f64::NEG_INFINITY,
+            age: Age::of(config),
             refused: 0,
+            twice: 0,
             damaged: 0,
             dropped: 0,
         };
@@ -149,11 +160,12 @@ impl Store {
     fn roll(&mut self, start: i64) -> Result<(), StoreError> {
         let Some(tags) = self.open.get_mut(&start) else { return Ok(()) };
         let rolling = self.db.transaction_with_behavior(TransactionBehavior::Immediate)?;
+        // First what goes: a database that is full has its pages for what comes.
+        rolling.execute("DELETE FROM journal WHERE start = ?1", [start])?;
         for (&tag, samples) in tags.iter() {
             merge(&rolling, start, tag, samples)
                 .inspect_err(|error| self.damaged += u64::from(error.is_damage()))?;
         }
-        rolling.execute("DELETE FROM journal WHERE start = ?1", [start])?;
         rolling.commit()?;
         let gone = self.open.remove(&start).unwrap_or_default();
         self.open_samples = self.open_samples.saturating_sub(gone.values().map(Vec::len).sum());
@@ -229,7 +241,7 @@ impl Writes for Store {
     }
 
     fn insert(&mut self, batch: &Batch) -> Result<(), StoreError> {
-        let (chunk_s, mut refused) = (self.config.chunk_s, 0);
+        let (chunk_s, mut refused, mut twice) = (self.config.chunk_s, 0, 0);
         let putting = self.db.transaction_with_behavior(TransactionBehavior::Immediate)?;
         let mut news = Vec::new();
         let mut chunks = Open::new();
@@ -244,7 +256,7 @@ impl Writes for Store {
         }
         for (start, tags) in &chunks {
             for (&tag, samples) in tags {
-                merge(&putting, *start, tag, samples)
+                twice += merge(&putting, *start, tag, samples)
                     .inspect_err(|error| self.damaged += u64::from(error.is_damage()))?;
             }
         }
@@ -253,6 +265,7 @@ impl Writes for Store {
         self.keep_twice(&news, &batch.rows)?;
         self.ids.extend(news);
         self.refused += refused;
+        self.twice += twice;
         Ok(())
     }
 
@@ -282,6 +295,14 @@ impl Writes for Store {
 
     fn refused_and_damaged(&self) -> (u64, u64) {
         (self.refused, self.damaged)
+    }
+
+    fn twice(&self) -> Option<u64> {
+        Some(self.twice)
+    }
+
+    fn thinned_in_doubt_s(&self) -> u64 {
+        self.age.in_doubt_s()
     }
 
     fn checked(&self) -> Option<f64> {
@@ -325,8 +346,7 @@ fn prepare(db: &Connection, config: &Config, path: &Path) -> Result<(), StoreErr
     let log_bytes = 2 * u64::from(config.upkeep.log) * PAGE_BYTES;
     db.pragma_update(None, "journal_size_limit", log_bytes as i64)?;
     db.pragma_update(None, "cache_size", -16_384)?;
-    let pages = (config.max_mb * 1_000_000 / PAGE_BYTES) as i64;
-    db.pragma_update(None, "max_page_count", pages)?;
+    db.pragma_update(None, "max_page_count", pages_of(config.max_mb))?;
     db.set_prepared_statement_cache_capacity(64);
     Ok(())
 }
@@ -374,13 +394,13 @@ fn tag_id(
 }
 
 /// Puts samples of one tag into their chunk, beside those that are there. A chunk that is damaged is not written over: nobody
-/// would ever know of it.
+/// would ever know of it. How many have the time of another, and do not count.
 pub(super) fn merge(
     db: &Transaction<'_>,
     start: i64,
     tag: u32,
     samples: &[Sample],
-) -> Result<(), StoreError> {
+) -> Result<u64, StoreError> {
     let key = key(start, tag);
     let there: Option<Vec<u8>> = db
         .prepare_cached("SELECT samples FROM chunks WHERE key = ?1")?
@@ -391,11 +411,13 @@ pub(super) fn merge(
         Some(blob) => codec::decode(blob).ok_or_else(|| damaged(start, tag))?,
     };
     all.extend_from_slice(samples);
+    let count = all.len();
     codec::unique(&mut all);
+    let twice = (count - all.len()) as u64;
     all.truncate(codec::MAX_SAMPLES);
     db.prepare_cached("INSERT OR REPLACE INTO chunks (key, samples) VALUES (?1, ?2)")?
         .execute(params![key, codec::encode(&all)])?;
-    Ok(())
+    Ok(twice)
 }
 
 /// A chunk whose bytes are not what was written.

@@ -86,6 +86,10 @@ impl Drop for Asking {
     }
 }
 
+fn refused(error: Error) -> StoreError {
+    StoreError::Away(super::said(&error))
+}
+
 fn gone() -> StoreError {
     StoreError::Away("the connection is given up".to_string())
 }
@@ -104,10 +108,12 @@ impl Client {
         T: MakeTlsConnect<Socket>,
         T::Stream: Send + 'static,
     {
-        Self::driven(Asking::new(patience)?, options.connect(tls))
+        let connecting = async { options.connect(tls).await.map_err(refused) };
+        Self::driven(Asking::new(patience)?, connecting)
     }
 
-    /// The same by a socket in the file system.
+    /// The same by a socket in the file system. A server that is stopped takes no connection: once the queue of those that wait
+    /// for it is full, an attempt fails at once.
     ///
     /// # Errors
     /// [`StoreError::Away`].
@@ -118,20 +124,23 @@ impl Client {
             Host::Tcp(_) => None,
         });
         let path = folder.ok_or_else(gone)?.join(format!(".s.PGSQL.{port}"));
-        let away = |error: io::Error| StoreError::Away(format!("{}: {error}", path.display()));
-        let socket = std::os::unix::net::UnixStream::connect(&path).map_err(away)?;
-        socket.set_nonblocking(true).map_err(away)?;
-        let asking = Asking::new(patience)?;
-        let stream = {
-            let _inside = asking.runtime()?.enter();
-            UnixStream::from_std(socket).map_err(away)?
+        let away = |error: io::Error| {
+            let why = match error.kind() {
+                io::ErrorKind::WouldBlock => "nobody takes the connections that wait there".to_string(),
+                _ => error.to_string(),
+            };
+            StoreError::Away(format!("{}: {why}", path.display()))
         };
-        Self::driven(asking, options.connect_raw(Bounded::new(stream, POSTGRES), NoTls))
+        let connecting = async {
+            let stream = UnixStream::connect(&path).await.map_err(away)?;
+            options.connect_raw(Bounded::new(stream, POSTGRES), NoTls).await.map_err(refused)
+        };
+        Self::driven(Asking::new(patience)?, connecting)
     }
 
     fn driven<S, T>(
         asking: Asking,
-        connecting: impl Future<Output = Result<(tokio_postgres::Client, Connection<S, T>), Error>>,
+        connecting: impl Future<Output = Result<(tokio_postgres::Client, Connection<S, T>), StoreError>>,
     ) -> Result<Self, StoreError>
     where
         S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
@@ -140,8 +149,7 @@ impl Client {
         let patience = asking.patience;
         let connecting = async { tokio::time::timeout(CONNECT, connecting).await };
         let silent = |_| StoreError::Away(format!("no answer within {} s of connecting", CONNECT.as_secs()));
-        let refused = |error: Error| StoreError::Away(super::said(&error));
-        let (inner, connection) = asking.runtime()?.block_on(connecting).map_err(silent)?.map_err(refused)?;
+        let (inner, connection) = asking.runtime()?.block_on(connecting).map_err(silent)??;
         // What it fails with is told to whoever asks next.
         let driver = asking.runtime()?.spawn(async move { drop(connection.await) });
         let mut client = Self { asking, inner: Some(inner), driver: Some(driver) };
@@ -258,7 +266,41 @@ impl Ask for Transaction<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::store::embedded::tests::Folder;
     use std::sync::mpsc::channel;
+    use tokio::net::UnixSocket;
+
+    /// A postmaster that is stopped: what connects to it stays in its queue, until that is full.
+    #[test]
+    fn a_socket_whose_queue_is_full_is_an_error_and_no_wait_for_ever() {
+        let folder = Folder::new();
+        std::fs::create_dir_all(&folder.0).expect("writable");
+        let path = folder.0.join(".s.PGSQL.5432");
+        let runtime = Builder::new_current_thread().enable_all().build().expect("a runtime");
+        let (listener, queue) = runtime.block_on(async {
+            let socket = UnixSocket::new_stream().expect("a socket");
+            socket.bind(&path).expect("a free name");
+            let listener = socket.listen(1).expect("listens");
+            let mut queue = Vec::new();
+            while let Ok(waiting) = UnixStream::connect(&path).await {
+                queue.push(waiting);
+                assert!(queue.len() < 100, "the queue has an end");
+            }
+            (listener, queue)
+        });
+        assert!(!queue.is_empty(), "somebody waits");
+        let mut options = tokio_postgres::Config::new();
+        options.host_path(&folder.0).user("stictiond");
+        let (tell, told) = channel();
+        std::thread::spawn(move || {
+            let connected = Client::connect_here(&options, Duration::from_secs(1));
+            tell.send(connected.map(drop))
+        });
+        let connected = told.recv_timeout(2 * CONNECT).expect("an answer while nobody accepts");
+        let Err(StoreError::Away(why)) = connected else { panic!("nobody accepts there") };
+        assert!(why.contains("nobody takes the connections"), "{why}");
+        drop((listener, queue));
+    }
 
     #[test]
     fn whoever_gives_up_does_not_wait_for_a_name_that_is_still_looked_up() {

@@ -10,6 +10,7 @@
 
 mod client;
 mod link;
+mod pages;
 mod read;
 mod retain;
 mod schema;
@@ -21,7 +22,7 @@ pub use link::said;
 pub(super) use read::Reader;
 
 use super::backend::{Found, Spool, Usage, Writes};
-use super::{Batch, Config, Row, StoreError, embedded};
+use super::{Batch, Config, Row, StoreError, Upkeep, embedded};
 use client::Ask;
 use embedded::Part;
 use retain::Retention;
@@ -70,6 +71,8 @@ impl Store {
             trend_days: 0.0,
             diagnoses_days: EVER_DAYS,
             alarms_days: EVER_DAYS,
+            // There nothing goes because of its age.
+            upkeep: Upkeep { pace: None, ..config.upkeep },
             ..config.clone()
         };
         let spool = embedded::Store::open(&spooled)?;
@@ -83,7 +86,7 @@ impl Store {
             pause: PAUSES.0,
             again: Instant::now(),
             era: 0,
-            retention: Retention::default(),
+            retention: Retention::of(config),
             unknown: Unknown::default(),
             refused: 0,
             delivered: 0,
@@ -294,6 +297,10 @@ impl Writes for Store {
     fn refused_and_damaged(&self) -> (u64, u64) {
         let (refused, damaged) = self.spool.refused_and_damaged();
         (self.refused + refused, damaged)
+    }
+
+    fn thinned_in_doubt_s(&self) -> u64 {
+        self.retention.age.in_doubt_s()
     }
 
     fn checked(&self) -> Option<f64> {

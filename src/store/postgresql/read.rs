@@ -5,6 +5,7 @@ use super::super::backend::Reads;
 use super::super::rows::{AlarmRow, DiagnosisRow, ModelRow, TagName, TransitionRow, pack};
 use super::super::{Checked, Config, Point, StoreError, StoredTag, codec};
 use super::client::{Ask, Client};
+use super::pages::{ALARMS, DIAGNOSES, IDS, LAST_TRANSITIONS, MODELS, SUMMARIES, TAGS, TRANSITIONS, TRENDS};
 use super::write::{at, seconds};
 use super::{link, schema};
 use crate::signal::{Quality, Sample};
@@ -91,13 +92,12 @@ impl Reads for Reader {
     }
 
     fn tags(&self) -> Result<Vec<StoredTag>, StoreError> {
-        let rows = self.rows("SELECT id, control_loop, tag, source, unit, era FROM tags ORDER BY id", &[])?;
         let tag = |row: &Row| {
             let name =
                 TagName { control_loop: row.get(1), tag: row.get(2), source: row.get(3), unit: row.get(4) };
             StoredTag { id: row.get::<_, i32>(0).max(0) as u32, name, era: row.get(5) }
         };
-        Ok(rows.iter().map(tag).collect())
+        TAGS.read(&mut *self.client(), &[], None, usize::MAX, tag)
     }
 
     fn next_start(&self, from: i64) -> Result<Option<i64>, StoreError> {
@@ -122,7 +122,7 @@ impl Reads for Reader {
         let sql = "SELECT tag, at, t, value, quality FROM samples WHERE at >= $1 AND at < $2";
         let sql = format!("{sql} AND tag = ANY ($3)");
         let wanted: Vec<i32> = match wanted {
-            None => self.rows("SELECT id FROM tags", &[])?.iter().map(|row| row.get(0)).collect(),
+            None => IDS.read(&mut *self.client(), &[], None, usize::MAX, |row| row.get::<_, i32>("id"))?,
             Some(wanted) => wanted.iter().filter_map(|id| i32::try_from(*id).ok()).collect(),
         };
         let mut found: BTreeMap<u32, Vec<Sample>> = BTreeMap::new();
@@ -134,8 +134,6 @@ impl Reads for Reader {
     }
 
     fn trends(&mut self, tag: u32, from: i64, to: i64) -> Result<Vec<Point>, StoreError> {
-        let sql =
-            "SELECT at, least, mean, most FROM trends WHERE tag = $1 AND at >= $2 AND at < $3 ORDER BY at";
         let number = |row: &Row, at| row.get::<_, Option<f64>>(at).unwrap_or(f64::NAN);
         let point = |row: &Row| Point {
             t: seconds(row.get(0), None),
@@ -144,19 +142,18 @@ impl Reads for Reader {
             most: number(row, 3),
         };
         let tag = i32::try_from(tag).unwrap_or(-1);
-        Ok(self.rows(sql, &[&tag, &time(from), &time(to)])?.iter().map(point).collect())
+        TRENDS.read(&mut *self.client(), &[&tag, &time(from), &time(to)], None, usize::MAX, point)
     }
 
     fn diagnoses(&self, after: i64, limit: usize) -> Result<Vec<(i64, DiagnosisRow)>, StoreError> {
-        let rows = self
-            .rows("SELECT * FROM diagnoses WHERE id > $1 ORDER BY id LIMIT $2", &[&after, &(limit as i64)])?;
-        Ok(rows.iter().map(|row| (row.get("id"), diagnosis(row, true))).collect())
+        let run = |row: &Row| (row.get::<_, i64>("id"), diagnosis(row, true));
+        DIAGNOSES.read(&mut *self.client(), &[], Some([after]), limit, run)
     }
 
     fn last_diagnoses(&self, control_loop: &str, count: usize) -> Result<Vec<DiagnosisRow>, StoreError> {
-        let sql = "SELECT * FROM diagnoses WHERE control_loop = $1 ORDER BY finished DESC LIMIT $2";
-        let rows = self.rows(sql, &[&control_loop, &(count as i64)])?;
-        let mut rows: Vec<DiagnosisRow> = rows.iter().rev().map(|row| diagnosis(row, false)).collect();
+        let run = |row: &Row| diagnosis(row, false);
+        let mut rows = SUMMARIES.read(&mut *self.client(), &[&control_loop], None, count, run)?;
+        rows.reverse();
         let latest = "SELECT * FROM diagnoses WHERE control_loop = $1 AND report IS NOT NULL ORDER BY finished DESC LIMIT 1";
         if let Some(latest) = self.rows(latest, &[&control_loop])?.first() {
             let with_report = DiagnosisRow { basis: None, ..diagnosis(latest, true) };
@@ -180,9 +177,10 @@ impl Reads for Reader {
     }
 
     fn alarms(&self) -> Result<Vec<AlarmRow>, StoreError> {
+        let mut rows = ALARMS.read(&mut *self.client(), &[], None, usize::MAX, alarm)?;
         // As bytes, which is how the store in a folder sorts.
-        let sql = "SELECT * FROM alarms ORDER BY control_loop COLLATE \"C\", kind COLLATE \"C\"";
-        Ok(self.rows(sql, &[])?.iter().map(alarm).collect())
+        rows.sort_by(|a, b| (&a.control_loop, &a.kind).cmp(&(&b.control_loop, &b.kind)));
+        Ok(rows)
     }
 
     fn alarm(&self, control_loop: &str, kind: &str) -> Result<Option<AlarmRow>, StoreError> {
@@ -191,14 +189,14 @@ impl Reads for Reader {
     }
 
     fn last_transitions(&self, limit: usize) -> Result<Vec<TransitionRow>, StoreError> {
-        let rows = self.rows("SELECT * FROM transitions ORDER BY id DESC LIMIT $1", &[&(limit as i64)])?;
-        Ok(rows.iter().rev().map(transition).collect())
+        let mut rows = LAST_TRANSITIONS.read(&mut *self.client(), &[], None, limit, transition)?;
+        rows.reverse();
+        Ok(rows)
     }
 
     fn transitions(&self, after: i64, limit: usize) -> Result<Vec<(i64, TransitionRow)>, StoreError> {
-        let sql = "SELECT * FROM transitions WHERE id > $1 ORDER BY id LIMIT $2";
-        let rows = self.rows(sql, &[&after, &(limit as i64)])?;
-        Ok(rows.iter().map(|row| (row.get("id"), transition(row))).collect())
+        let change = |row: &Row| (row.get::<_, i64>("id"), transition(row));
+        TRANSITIONS.read(&mut *self.client(), &[], Some([after]), limit, change)
     }
 
     fn examine(&mut self, found: &mut Checked) -> Result<(), StoreError> {
@@ -224,21 +222,23 @@ impl Reads for Reader {
 
 /// The latest version of each model, and the states of all alarms.
 pub(super) fn states(client: &mut Client) -> Result<(Vec<ModelRow>, Vec<AlarmRow>), StoreError> {
-    let sql = "SELECT DISTINCT ON (control_loop) control_loop, version, since, effects FROM models
-        ORDER BY control_loop, version DESC";
     let model = |row: &Row| ModelRow {
         control_loop: row.get(0),
         version: row.get::<_, i64>(1).max(0) as u64,
         since: row.get(2),
         effects: row.get(3),
     };
-    let models = client.query(sql, &[])?.iter().map(model).collect();
-    Ok((models, client.query("SELECT * FROM alarms", &[])?.iter().map(alarm).collect()))
+    let models = MODELS.read(client, &[], None, usize::MAX, model)?;
+    Ok((models, ALARMS.read(client, &[], None, usize::MAX, alarm)?))
 }
 
 fn diagnosis(row: &Row, whole: bool) -> DiagnosisRow {
     let interval: (Option<f64>, Option<f64>) = (row.get("f_low"), row.get("f_high"));
-    let text = |name| row.get::<_, Option<String>>(name).filter(|_| whole).as_deref().and_then(pack);
+    // A summary is read without its report.
+    let text = |name: &str| {
+        let own = whole.then(|| row.get::<_, Option<String>>(name)).flatten();
+        own.as_deref().and_then(pack)
+    };
     DiagnosisRow {
         control_loop: row.get("control_loop"),
         finished: row.get("finished"),

@@ -1,5 +1,6 @@
 //! What is old becomes a trend in the database itself, and goes a partition at a time.
 
+use super::super::age::Age;
 use super::super::{Config, StoreError};
 use super::client::{Ask, Client};
 use super::link::{READS, WRITES};
@@ -19,7 +20,7 @@ const FULL: f64 = 0.95;
 const DAY_S: f64 = 86_400.0;
 
 /// How far it has come.
-#[derive(Clone, Copy, Debug)]
+#[derive(Debug)]
 pub(super) struct Retention {
     /// When it was looked at last (s).
     looked: f64,
@@ -27,15 +28,15 @@ pub(super) struct Retention {
     thinning: Option<(i64, i64)>,
     /// Bytes of all tables, as of then.
     pub bytes: u64,
-}
-
-impl Default for Retention {
-    fn default() -> Self {
-        Self { looked: f64::NEG_INFINITY, thinning: None, bytes: 0 }
-    }
+    pub age: Age,
 }
 
 impl Retention {
+    /// Nothing was looked at yet.
+    pub fn of(config: &Config) -> Self {
+        Self { looked: f64::NEG_INFINITY, thinning: None, bytes: 0, age: Age::of(config) }
+    }
+
     /// Does at most one piece of work; true when there may be more.
     pub fn step(&mut self, link: &mut Link, config: &Config, now: f64) -> Result<bool, StoreError> {
         if (self.looked..self.looked + EVERY_S).contains(&now) {
@@ -66,11 +67,13 @@ impl Retention {
     }
 
     fn by_age(&mut self, link: &mut Link, config: &Config, now: f64) -> Result<bool, StoreError> {
+        let now = self.age.now(now);
         let day = |days: f64| now - days * DAY_S;
         if let Some(begin) = oldest(link, "samples", SAMPLES_S)?
             && ((begin + SAMPLES_S) as f64) < day(config.samples_days)
         {
             self.thinning = Some((begin, begin));
+            self.age.thinned(SAMPLES_S);
             return Ok(true);
         }
         if let Some(begin) = oldest(link, "trends", TRENDS_S)?

@@ -1,3 +1,4 @@
+use super::running::LONGEST;
 use super::*;
 use crate::signal::Sample;
 use crate::store::embedded::tests::Folder;
@@ -160,4 +161,56 @@ fn an_era_that_was_begun_outlives_a_write_that_fails() {
             assert_eq!(there, [5.0, 1000.0]);
         }
     }
+}
+
+/// Its round lasts until it is let go.
+struct Slow(Batch, Sender<()>, Receiver<()>);
+
+impl Feed for Slow {
+    fn gather(&mut self) {}
+    fn take(&mut self) -> &Batch {
+        // Once the test has seen it nobody holds it up.
+        if self.1.send(()).is_ok() {
+            let _ = self.2.recv();
+        }
+        &self.0
+    }
+    fn settled(&mut self) -> bool {
+        false
+    }
+    fn set_back(&mut self) -> bool {
+        false
+    }
+    fn merge(&mut self, _found: Found) {}
+}
+
+#[test]
+fn a_round_that_hangs_is_a_failure_until_it_ends() {
+    let folder = Folder::new();
+    let config = Config::new(&folder.0);
+    let ((begin, begun), (let_go, held)) = (channel(), channel());
+    let driven = Driven { by_hand: true, ..Driven::default() };
+    let feed = Slow(Batch::default(), begin, held);
+    let writer = Writer::driven(&driven, &config, Store::open(&config), feed, || 7.0).expect("begun");
+    assert_eq!(writer.status_at(Instant::now() + 100 * LONGEST).failing, None, "nothing is under way");
+    let flusher = writer.flusher();
+    let round = std::thread::spawn(move || flusher.flush(Duration::ZERO));
+    begun.recv().expect("the round begins");
+    let now = Instant::now();
+    assert_eq!(writer.status_at(now).failing, None);
+    let (why, since) = writer.status_at(now + LONGEST + Duration::from_secs(1)).failing.expect("it hangs");
+    assert!(why.starts_with("a round has lasted ") && since == 7.0, "{why} since {since}");
+    let_go.send(()).expect("it waits");
+    assert!(round.join().expect("no panic"), "it was written after all");
+    assert_eq!(writer.status_at(now + 100 * LONGEST).failing, None, "it works again");
+    drop(begun);
+    writer.stop();
+}
+
+#[test]
+fn who_waits_for_a_round_that_never_came_is_not_told_of_an_earlier_one() {
+    let inner = Inner { stop: true, good: true, ..Inner::default() };
+    let shared = Shared { inner: Mutex::new(inner), changed: Condvar::new() };
+    let flusher = Flusher { shared: Arc::new(shared), by_hand: None };
+    assert!(!flusher.flush(Duration::ZERO));
 }
