@@ -358,7 +358,7 @@ impl Keep for Kept {
         let persistence = self.shared.persistence.clone();
         let kept = tokio::task::spawn_blocking(move || persistence.insert(batch)).await;
         kept.unwrap_or_else(|error| Err(error.to_string()))?;
-        self.shared.change(|job| job.done += 1);
+        self.shared.change(|job| job.done += usize::from(slice.is_last));
         Ok(())
     }
 }

@@ -31,6 +31,15 @@ pub enum TextFault {
     OtherSign(String, DecimalSign),
 }
 
+impl TextFault {
+    /// Memory that the quoted text takes (bytes).
+    pub fn text_bytes(&self) -> usize {
+        match self {
+            Self::NoNumber(text) | Self::Doubtful(text) | Self::OtherSign(text, _) => text.capacity(),
+        }
+    }
+}
+
 impl fmt::Display for TextFault {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

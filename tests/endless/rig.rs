@@ -214,21 +214,25 @@ pub fn asked(address: &str, path: &str) -> Option<String> {
 
 /// Most memory until three connections to such a peer ended, or it has got rid of twice what may be held.
 fn taken(name: &str, config: &str, wire: Wire, what: Flood) -> u64 {
-    let peer = peer(what, wire);
+    measured(&peer(what, wire), &format!("{name}-{}", what.name), config, 2 * MOST)
+}
+
+/// What a daemon takes at rest, whose peer says nothing.
+pub fn at_rest(name: &str, config: &str) -> u64 {
+    taken(name, config, Wire::Clear, NOTHING)
+}
+
+/// Most memory until three connections to a peer ended, or it has got rid of so many bytes.
+pub fn measured(peer: &Peer, name: &str, config: &str, enough: u64) -> u64 {
     let text =
         format!("[server]\nlisten = '127.0.0.1:0'\n{}", config.replace("PORT", &peer.port.to_string()));
     // Only the parts of a fleet talk to NATS.
     let role = if config.contains("[fleet]") { "worker" } else { "run" };
-    let daemon = Daemon::start(role, &written(&format!("{name}-{}", what.name).replace(' ', "-"), &text));
+    let daemon = Daemon::start(role, &written(&name.replace(' ', "-"), &text));
     let began = Instant::now();
     // What is read and dropped need not end: then it is enough that more went than may be held.
-    while peer.ended.load(SeqCst) < 3 && peer.sent.load(SeqCst) < 2 * MOST {
-        assert!(
-            began.elapsed() < PATIENCE,
-            "{name}, {}: {} bytes were taken",
-            what.name,
-            peer.sent.load(SeqCst)
-        );
+    while peer.ended.load(SeqCst) < 3 && peer.sent.load(SeqCst) < enough {
+        assert!(began.elapsed() < PATIENCE, "{name}: {} bytes were taken", peer.sent.load(SeqCst));
         thread::sleep(Duration::from_millis(20));
     }
     daemon.most()

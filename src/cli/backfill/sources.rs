@@ -244,7 +244,7 @@ impl Keep for Kept<'_> {
         self.store.insert(&batch).map_err(|error| error.to_string())?;
         let done = if self.newest_first { slice.from } else { slice.to };
         self.progress.set(done).map_err(|error| format!("{}: {error}", self.progress.path.display()))?;
-        self.at += 1;
+        self.at += usize::from(slice.is_last);
         self.bar.show(self.at, self.slices);
         Ok(())
     }

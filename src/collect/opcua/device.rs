@@ -1,10 +1,10 @@
 //! The task that keeps one server: connects, subscribes or polls, fills the gap, and does so again when it is lost.
 
-use super::config::{Mode, Place, TimeFallback};
+use super::config::{Mode, Place};
 use super::link::{Link, Lost};
 use super::pins::{Pinned, ServerPins};
 use super::plan::{Plan, Tag};
-use super::value::{self, NoNumber};
+use super::value::{NoNumber, Received};
 use crate::collect::backoff::Backoff;
 use crate::collect::series::{Order, Series, SourceClock};
 use crate::collect::{Clock, DeviceHealth, Frozen, Poll, Reading, Sink};
@@ -285,7 +285,8 @@ impl Collector {
 
     async fn poll(&mut self, link: &mut Link, sink: &dyn Sink) -> Result<Never, Lost> {
         self.find(link, sink).await?;
-        self.fill(link, sink).await?;
+        // Nothing comes meanwhile that would have to be taken.
+        self.fill(link, None, sink).await?;
         let mut resolved = Instant::now();
         let mut ticks = self.ticks();
         loop {
@@ -295,8 +296,7 @@ impl Collector {
                 self.find(link, sink).await?;
                 resolved = began;
             }
-            let (places, values) = self.read(link).await?;
-            for (at, value) in places.into_iter().zip(values) {
+            for (at, value) in self.read(link).await? {
                 self.live(at, &value, sink);
             }
             // Live values go on: this session has lived through its history.
@@ -315,31 +315,35 @@ impl Collector {
     }
 
     /// Every tag that has a node, and its value.
-    async fn read(&self, link: &mut Link) -> Result<(Vec<usize>, Vec<DataValue>), Lost> {
+    async fn read(&self, link: &mut Link) -> Result<Vec<(usize, Received)>, Lost> {
         let known = self.tags.iter().enumerate().filter_map(|(at, tag)| Some((at, tag.node.clone()?)));
         let (places, nodes): (Vec<usize>, Vec<NodeId>) = known.unzip();
-        let values = link.read(&nodes).await?;
-        Ok((places, values))
+        let (mut values, mut places) = (Vec::with_capacity(nodes.len()), places.into_iter());
+        let take = |value: DataValue| {
+            if let Some(at) = places.next() {
+                values.push((at, Received::of(&value, &self.plan.tags[at].meaning)));
+            }
+        };
+        link.read_each(&nodes, take).await?;
+        Ok(values)
     }
 
     /// A value that just came.
-    fn live(&mut self, at: usize, value: &DataValue, sink: &dyn Sink) {
+    fn live(&mut self, at: usize, value: &Received, sink: &dyn Sink) {
         let Some(tag) = self.plan.tags.get(at) else { return };
         self.backoff.reset();
         self.heard_at = self.steady();
         let now = self.clock.now();
-        let reading = value::reading(value, &tag.meaning);
-        let raw = value::number(value, &tag.meaning);
+        let reading = value.reading(&tag.meaning);
         if reading.quality == Quality::Bad(BadReason::NotANumber) {
-            self.say_why(at, raw.as_ref().err().unwrap_or(&NoNumber::NotFinite));
+            self.say_why(at, value.number.as_ref().err().unwrap_or(&NoNumber::NotFinite));
         }
         let unusable = matches!(reading.quality, Quality::Bad(_)) && reading.value.is_nan();
-        let own = value::time(value, self.plan.config.source_time_fallback, now);
+        let own = value.time(self.plan.config.source_time_fallback, now);
         let before = self.tags[at].series.end();
         let behind = |t: f64| before.map_or(t, |end| t.max(end + STEP_S));
         // What is bad has no value that a fresh stamp could make look fresh; its source often keeps the old stamp.
-        let source = value::time(value, TimeFallback::None, now);
-        let (t, stamped) = match (source.filter(|t| self.tags[at].series.is_newer(*t)), own) {
+        let (t, stamped) = match (value.source.filter(|t| self.tags[at].series.is_newer(*t)), own) {
             (Some(t), _) if unusable => (t, true),
             _ if unusable => (behind(self.came(at, value)), false),
             // A value that did not change while it could not be had keeps its old source time, but comes after the mark.
@@ -358,7 +362,7 @@ impl Collector {
                 return self.refused(at, "a value without a time: see source_time_fallback", sink);
             }
         };
-        self.tags[at].raw = raw.ok();
+        self.tags[at].raw = value.number.as_ref().ok().copied();
         let order = self.tags[at].series.live(t);
         if !order.is_news() && reading.quality.is_good() {
             // By our clock: a value that does not change may keep its stamp for ever.
@@ -411,6 +415,8 @@ impl Collector {
 /// Nothing: a session ends only by being lost.
 enum Never {}
 
+#[cfg(test)]
+mod fill_tests;
 #[cfg(test)]
 mod outage_tests;
 #[cfg(test)]

@@ -1,11 +1,11 @@
 //! A server's history of some tags, slice by slice: what one slice brought is kept before the next is asked for, so that
-//! whoever keeps it can go on where it was left.
+//! whoever keeps it can go on where it was left. A slice that brings too much, or takes too long, is read in parts.
 
 use super::config::TimeFallback;
-use super::link::{Link, Lost};
+use super::link::{Historian, Link, Lost, Page, Progress};
 use super::pins::{Pinned, ServerPins};
 use super::plan::{Plan, Tag};
-use super::value;
+use super::value::Received;
 use crate::collect::backoff::Backoff;
 use crate::signal::Sample;
 use opcua::types::{ByteString, NodeId};
@@ -21,8 +21,14 @@ use tracing::{info, warn};
 const FIRST_PAUSE: Duration = Duration::from_millis(500);
 /// Attempts in a row that bring nothing, after which it is given up.
 const ATTEMPTS: u32 = 20;
-/// Values of one tag in one slice at most.
-const MAX_VALUES: usize = 10_000_000;
+/// Samples of all tags that are held at once at most: 24 bytes each, and half as much again while a list of them grows.
+const MOST_SAMPLES: usize = 500_000;
+/// Longest that a server is waited for while it gives what one tag has of one part.
+const MOST_WAIT: Duration = Duration::from_secs(600);
+/// A slice is not divided any further (s).
+const LEAST_S: f64 = 1.0;
+/// A part longer by this (s) is as long: times of today have steps of 2.4e-7 s.
+const ROUNDING_S: f64 = 1e-3;
 
 /// What is wanted.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,7 +72,7 @@ impl Wish {
     }
 }
 
-/// What one slice brought.
+/// What one slice brought, or a part of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Slice {
     /// Begin (s).
@@ -75,6 +81,8 @@ pub struct Slice {
     pub to: f64,
     /// Samples of each tag by its number, by time.
     pub series: Vec<(usize, Vec<Sample>)>,
+    /// It is the whole slice, or the last part of it.
+    pub is_last: bool,
 }
 
 /// Takes slices.
@@ -100,8 +108,8 @@ pub enum HistoryError {
     Kept(String),
 }
 
-/// Reads the history of the plan's tags and has it kept. A session that is lost is opened again and the slice begun anew. Plain
-/// numbers are the namespaces that all who share `pinned` take them for.
+/// Reads the history of the plan's tags and has it kept. A session that is lost is opened again and the slice, or the part
+/// of it, begun anew. Plain numbers are the namespaces that all who share `pinned` take them for.
 ///
 /// # Errors
 /// [`HistoryError`]; what was kept stays.
@@ -111,19 +119,17 @@ pub async fn history(
     pinned: &Pinned,
     keep: &mut impl Keep,
 ) -> Result<(), HistoryError> {
-    let mut slices = wish.slices();
-    let mut next = slices.next();
+    let mut rest = rest_of(wish);
     let longest = Duration::from_millis(plan.config.reconnect_max_ms);
     let mut backoff = Backoff::new(FIRST_PAUSE.min(longest), longest, Pcg32::seed_from_u64(1));
     let (mut failures, config) = (0, Arc::new(plan.config.clone()));
     let pins = pinned.of(&config.url);
-    while next.is_some() {
+    while rest.part().is_some() {
         let ended = match Link::open(config.clone()).await {
             Ok(link) => {
-                let before = next;
-                let session = Session { plan, wish, link, pins: &pins };
-                let ended = session.read(&mut next, &mut slices, keep).await;
-                if before != next {
+                let before = rest.next;
+                let ended = session(link, plan, wish, &pins, &mut rest, keep).await;
+                if before != rest.next {
                     backoff.reset();
                     failures = 0;
                 }
@@ -147,7 +153,63 @@ pub async fn history(
     Ok(())
 }
 
+/// What is still to be read, in the order it is read.
+struct Rest<I> {
+    slices: I,
+    /// What is left of a slice that was begun, else the next one (s).
+    next: Option<(f64, f64)>,
+    newest_first: bool,
+    /// Longest time that is asked for at once (s).
+    part_s: f64,
+    /// It is a whole number of these (s), so that every mean is over the same time as without parts.
+    step_s: f64,
+}
+
+/// All of a wish.
+fn rest_of(wish: &Wish) -> Rest<impl Iterator<Item = (f64, f64)> + use<>> {
+    let mut slices = wish.slices();
+    let next = slices.next();
+    let step_s = wish.average_s.unwrap_or(LEAST_S);
+    Rest { slices, next, newest_first: wish.newest_first, part_s: f64::INFINITY, step_s }
+}
+
+impl<I: Iterator<Item = (f64, f64)>> Rest<I> {
+    /// The next part (s).
+    fn part(&self) -> Option<(f64, f64)> {
+        let (from, to) = self.next?;
+        Some(match (to - from > self.part_s + ROUNDING_S, self.newest_first) {
+            (false, _) => (from, to),
+            (true, true) => (to - self.part_s, to),
+            (true, false) => (from, from + self.part_s),
+        })
+    }
+
+    /// What is left of the slice after this part of it, if anything is (s).
+    fn left(&self, part: (f64, f64)) -> Option<(f64, f64)> {
+        let (from, to) = self.next?;
+        let left = if self.newest_first { (from, part.0) } else { (part.1, to) };
+        (left.1 > left.0).then_some(left)
+    }
+
+    /// A part was kept.
+    fn kept(&mut self, part: (f64, f64)) {
+        self.next = self.left(part).or_else(|| self.slices.next());
+    }
+
+    /// A part was too long: the next ones are at most half as long. `false` where there is nothing shorter.
+    fn divide(&mut self, part: (f64, f64)) -> bool {
+        let span_s = part.1 - part.0;
+        let half_s = (span_s / 2.0 / self.step_s).floor().max(1.0) * self.step_s;
+        let is_shorter = span_s > half_s + ROUNDING_S;
+        if is_shorter {
+            self.part_s = half_s;
+        }
+        is_shorter
+    }
+}
+
 /// Why a session brings no more.
+#[derive(Debug)]
 enum Ended {
     Lost(Lost),
     For(HistoryError),
@@ -159,103 +221,154 @@ impl From<Lost> for Ended {
     }
 }
 
-struct Session<'p> {
-    plan: &'p Plan,
-    wish: &'p Wish,
-    link: Link,
-    pins: &'p ServerPins,
+/// Asks a server as a wish says.
+struct Asked<'l> {
+    link: &'l mut Link,
+    average_s: Option<f64>,
 }
 
-impl Session<'_> {
-    async fn read(
-        mut self,
-        next: &mut Option<(f64, f64)>,
-        slices: &mut impl Iterator<Item = (f64, f64)>,
-        keep: &mut impl Keep,
-    ) -> Result<(), Ended> {
-        let places: Vec<_> = self.plan.tags.iter().map(|tag| tag.place.clone()).collect();
-        let mut nodes = Vec::with_capacity(places.len());
-        for (tag, found) in self.plan.tags.iter().zip(self.link.resolve(&places, self.pins).await?) {
-            nodes.push(found.map_err(|why| Ended::For(HistoryError::Tag(tag.name.clone(), why)))?);
-        }
-        while let Some((from, to)) = *next {
-            let mut series = Vec::with_capacity(nodes.len());
-            for (tag, node) in self.plan.tags.iter().zip(&nodes) {
-                series.push((tag.index, self.tag(tag, node, from, to).await?));
-            }
-            let samples: usize = series.iter().map(|(_, samples)| samples.len()).sum();
-            info!(device = %self.plan.config.name, from, to, samples, "history read");
-            keep.keep(Slice { from, to, series })
-                .await
-                .map_err(|error| Ended::For(HistoryError::Kept(error)))?;
-            *next = slices.next();
-        }
-        Ok(())
+impl Historian for Asked<'_> {
+    fn batch(&self) -> usize {
+        1
     }
 
-    /// One tag's samples of `from..to`, over continuation points, or page by page where a server caps its answers.
-    async fn tag(&mut self, tag: &Tag, node: &NodeId, from: f64, to: f64) -> Result<Vec<Sample>, Ended> {
-        let mut found: Vec<Sample> = Vec::new();
-        let (mut start, mut next) = (from, ByteString::null());
-        loop {
-            let asked = [(node.clone(), next)];
-            let (pages, what) = match self.wish.average_s {
-                Some(every_s) => (self.link.means(&asked, start, to, every_s).await?, "means of this tag"),
-                None => (self.link.history(&asked, start, to).await?, "history"),
-            };
-            let none = || Ended::For(HistoryError::None(tag.name.clone(), what));
-            let page = pages.and_then(|mut pages| pages.pop()).ok_or_else(none)?;
-            if page.status.is_bad() {
-                let status = format!("history: {}", page.status);
-                return Err(Ended::For(HistoryError::Tag(tag.name.clone(), status)));
-            }
-            let mut newest = start;
-            for value in page.values {
-                let Some(t) = value::time(&value, TimeFallback::Server, f64::NAN) else { continue };
-                newest = newest.max(t);
-                if t >= from && t < to {
-                    let reading = value::reading(&value, &tag.meaning);
-                    found.push(Sample { t, value: reading.value, quality: reading.quality });
-                }
-            }
-            sleep(self.wish.pause).await;
-            if found.len() > MAX_VALUES {
-                let many = format!("more than {MAX_VALUES} values in {} s", to - from);
-                return Err(Ended::For(HistoryError::Tag(tag.name.clone(), many)));
-            }
-            let more = !page.next.is_null_or_empty();
-            if !more && (newest <= start || self.wish.average_s.is_some()) {
-                break;
-            }
-            // A continuation point belongs to the time it was asked with.
-            (start, next) = if more { (start, page.next) } else { (newest, ByteString::null()) };
+    async fn ask(
+        &mut self,
+        nodes: &[(NodeId, ByteString)],
+        from: f64,
+        to: f64,
+    ) -> Result<Option<Vec<Page>>, Lost> {
+        match self.average_s {
+            Some(every_s) => self.link.means(nodes, from, to, every_s).await,
+            None => self.link.history(nodes, from, to).await,
         }
-        found.sort_by(|a, b| a.t.total_cmp(&b.t));
-        found.dedup_by(|later, earlier| later.t == earlier.t);
-        Ok(found)
     }
+}
+
+/// Reads over one session until it is lost, or all is read.
+async fn session(
+    mut link: Link,
+    plan: &Plan,
+    wish: &Wish,
+    pins: &ServerPins,
+    rest: &mut Rest<impl Iterator<Item = (f64, f64)>>,
+    keep: &mut impl Keep,
+) -> Result<(), Ended> {
+    let places: Vec<_> = plan.tags.iter().map(|tag| tag.place.clone()).collect();
+    let mut tags = Vec::with_capacity(places.len());
+    for (tag, found) in plan.tags.iter().zip(link.resolve(&places, pins).await?) {
+        let node = found.map_err(|why| Ended::For(HistoryError::Tag(tag.name.clone(), why)))?;
+        tags.push((tag, node));
+    }
+    let mut asked = Asked { link: &mut link, average_s: wish.average_s };
+    while let Some((from, to)) = rest.part() {
+        let series = match part(&mut asked, &tags, wish, (from, to)).await? {
+            Read::Whole(series) => series,
+            Read::TooMuch(..) if rest.divide((from, to)) => continue,
+            Read::TooMuch(tag, why) => {
+                let why = format!(
+                    "history: {why} for {} s of it, and it cannot be asked for in shorter parts",
+                    to - from
+                );
+                return Err(Ended::For(HistoryError::Tag(tag, why)));
+            }
+        };
+        let samples: usize = series.iter().map(|(_, samples)| samples.len()).sum();
+        info!(device = %plan.config.name, from, to, samples, "history read");
+        let is_last = rest.left((from, to)).is_none();
+        let slice = Slice { from, to, series, is_last };
+        keep.keep(slice).await.map_err(|error| Ended::For(HistoryError::Kept(error)))?;
+        rest.kept((from, to));
+    }
+    Ok(())
+}
+
+/// What was read of some time.
+#[derive(Debug, PartialEq)]
+enum Read<T> {
+    Whole(T),
+    /// It is to be read in shorter parts: of which tag there was too much, and of what.
+    TooMuch(String, String),
+}
+
+/// The samples of all tags of `from..to`.
+async fn part(
+    asked: &mut impl Historian,
+    tags: &[(&Tag, NodeId)],
+    wish: &Wish,
+    span: (f64, f64),
+) -> Result<Read<Vec<(usize, Vec<Sample>)>>, Ended> {
+    let (mut series, mut room) = (Vec::with_capacity(tags.len()), MOST_SAMPLES);
+    for (tag, node) in tags {
+        match one(asked, tag, node, wish, span, room).await? {
+            Read::Whole(samples) => {
+                room -= samples.len().min(room);
+                series.push((tag.index, samples));
+            }
+            Read::TooMuch(tag, why) => return Ok(Read::TooMuch(tag, why)),
+        }
+    }
+    Ok(Read::Whole(series))
+}
+
+/// One tag's samples of `from..to`, over continuation points, or page by page where a server caps its answers; at most so many as
+/// there is `room` for.
+async fn one(
+    asked: &mut impl Historian,
+    tag: &Tag,
+    node: &NodeId,
+    wish: &Wish,
+    (from, to): (f64, f64),
+    room: usize,
+) -> Result<Read<Vec<Sample>>, Ended> {
+    let what = if wish.average_s.is_some() { "means of this tag" } else { "history" };
+    let wrong = |why: String| Ended::For(HistoryError::Tag(tag.name.clone(), why));
+    let (mut found, mut waited) = (Vec::<Sample>::new(), Duration::ZERO);
+    let (mut start, mut next, mut progress) = (from, ByteString::null(), Progress::default());
+    loop {
+        let began = Instant::now();
+        let pages = asked.ask(&[(node.clone(), next)], start, to).await?;
+        waited += began.elapsed();
+        let none = || Ended::For(HistoryError::None(tag.name.clone(), what));
+        let page = pages.and_then(|mut pages| pages.pop()).ok_or_else(none)?;
+        if page.status.is_bad() {
+            return Err(wrong(format!("history: {}", page.status)));
+        }
+        let mut newest = f64::NEG_INFINITY;
+        for value in page.values {
+            let value = Received::of(&value, &tag.meaning);
+            let Some(t) = value.time(TimeFallback::Server, f64::NAN).filter(|t| *t < to) else { continue };
+            newest = newest.max(t);
+            if t >= from {
+                let reading = value.reading(&tag.meaning);
+                found.push(Sample { t, value: reading.value, quality: reading.quality });
+            }
+        }
+        if found.len() > room {
+            let many = format!("the tags have more than {MOST_SAMPLES} values");
+            return Ok(Read::TooMuch(tag.name.clone(), many));
+        }
+        if waited > MOST_WAIT {
+            let long = format!("the server needs more than {} s", MOST_WAIT.as_secs());
+            return Ok(Read::TooMuch(tag.name.clone(), long));
+        }
+        sleep(wish.pause).await;
+        let leads_on = progress.leads_on(newest);
+        let more = !page.next.is_null_or_empty();
+        if more && !leads_on {
+            return Err(wrong("history: page after page brings nothing newer".to_string()));
+        }
+        if !more && (newest <= start || wish.average_s.is_some()) {
+            break;
+        }
+        // A continuation point belongs to the time it was asked with.
+        (start, next) = if more { (start, page.next) } else { (newest, ByteString::null()) };
+    }
+    found.sort_by(|a, b| a.t.total_cmp(&b.t));
+    found.dedup_by(|later, earlier| later.t == earlier.t);
+    Ok(Read::Whole(found))
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn slices_cover_the_wish_once_and_go_on_where_they_were_left() {
-        let wish = Wish {
-            from: 10.0,
-            to: 35.0,
-            newest_first: false,
-            slice_s: 10.0,
-            pause: Duration::ZERO,
-            average_s: None,
-        };
-        let of = |wish: Wish| wish.slices().collect::<Vec<_>>();
-        assert_eq!(of(wish), [(10.0, 20.0), (20.0, 30.0), (30.0, 35.0)]);
-        let back = Wish { newest_first: true, ..wish };
-        assert_eq!(of(back), [(25.0, 35.0), (15.0, 25.0), (10.0, 15.0)]);
-        assert_eq!(of(wish.after(20.0)), [(20.0, 30.0), (30.0, 35.0)]);
-        assert_eq!(of(back.after(25.0)), [(15.0, 25.0), (10.0, 15.0)]);
-        assert_eq!((of(wish.after(35.0)), of(back.after(10.0))), (vec![], vec![]));
-    }
-}
+#[path = "history_tests.rs"]
+mod tests;

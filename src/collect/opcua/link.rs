@@ -4,9 +4,10 @@
 //! for what they publish. Reconnects are switched off, and a new link is opened instead.
 
 use super::config::{Config, MAX_ARRAY, SecurityPolicy};
-use super::listener::{Event, Listener, MAX_EVENTS};
+use super::listener::{Events, listener};
 use super::plan::{Deadband, Sampling};
 use super::security::{explain, identity, message_mode, own_files, policy_uri};
+use super::value::Meaning;
 use opcua::client::{Client, ClientBuilder, Session};
 use opcua::types::{
     AttributeId, ByteString, DataChangeFilter, DataChangeTrigger, DataValue, EndpointDescription, Error,
@@ -17,9 +18,7 @@ use std::fmt;
 use std::future::Future;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
-use tokio::sync::mpsc::{Receiver, channel};
 use tokio::task::AbortHandle;
 use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
@@ -28,6 +27,8 @@ mod browse;
 mod history;
 mod resolve;
 mod wire;
+
+pub(super) use history::{Historian, Progress};
 
 /// The server is told goodbye for no longer than this.
 const GOODBYE: Duration = Duration::from_secs(2);
@@ -89,8 +90,6 @@ pub(super) struct Link {
     limits: Limits,
     ended: CancellationToken,
     task: AbortHandle,
-    /// Events that found the queue full.
-    pub(super) dropped: Arc<AtomicU64>,
 }
 
 impl Drop for Link {
@@ -159,7 +158,7 @@ impl Link {
         let limits = Limits { read: most, monitor: most, translate: most, history: most };
         started.linked = true;
         let task = started.task.clone();
-        let mut link = Link { config, session, limits, ended: over, task, dropped: Arc::default() };
+        let mut link = Link { config, session, limits, ended: over, task };
         link.read_limits().await?;
         Ok(link)
     }
@@ -213,33 +212,44 @@ impl Link {
         Ok(())
     }
 
-    /// The values of the nodes, in their order, in as many requests as the server's limit asks for.
+    /// The values of the nodes, in their order. All are held at once, so it is for few nodes, and for `probe`.
     pub(super) async fn read(&mut self, nodes: &[NodeId]) -> Result<Vec<DataValue>, Lost> {
         let mut values = Vec::with_capacity(nodes.len());
-        while values.len() < nodes.len() {
-            let batch: Vec<ReadValueId> = nodes[values.len()..]
-                .iter()
-                .take(self.limits.read)
-                .map(|node| value_of(node.clone()))
-                .collect();
+        self.read_each(nodes, |value| values.push(value)).await?;
+        Ok(values)
+    }
+
+    /// Gives the value of each node to `take`, in their order, in as many requests as the server's limit asks for. Only one
+    /// answer is held at a time, since a value may be of any size.
+    pub(super) async fn read_each(
+        &mut self,
+        nodes: &[NodeId],
+        mut take: impl FnMut(DataValue),
+    ) -> Result<(), Lost> {
+        let mut done = 0;
+        while done < nodes.len() {
+            let batch: Vec<ReadValueId> =
+                nodes[done..].iter().take(self.limits.read).map(|node| value_of(node.clone())).collect();
             let asked = self.session.read(&batch, TimestampsToReturn::Both, 0.0);
             match self.answer("read", asked).await {
-                Ok(answer) if answer.len() == batch.len() => values.extend(answer),
+                Ok(answer) if answer.len() == batch.len() => {
+                    done += batch.len();
+                    answer.into_iter().for_each(&mut take);
+                }
                 Ok(answer) => return Err(wrong_count("read", batch.len(), answer.len())),
                 Err(Refused::TooMany) if batch.len() > 1 => self.limits.read = batch.len() / 2,
                 Err(refused) => return Err(refused.into()),
             }
         }
-        Ok(values)
+        Ok(())
     }
 
-    /// Opens an empty subscription; its values come out of the receiver.
-    pub(super) async fn subscribe(&self) -> Result<(u32, Receiver<Event>), Lost> {
-        let (sender, events) = channel(MAX_EVENTS);
+    /// Opens an empty subscription for tags of these meanings, by position, and what it brings.
+    pub(super) async fn subscribe(&self, meanings: Vec<Meaning>) -> Result<(u32, Events), Lost> {
+        let (listener, events) = listener(meanings);
         let publishing = Duration::from_millis(self.config.publishing_ms);
         // A sign of life at least three times within the silence allowed.
         let keep_alive = (self.config.silent_s / 3.0 / publishing.as_secs_f64()).clamp(1.0, 1000.0) as u32;
-        let listener = Listener { sender, dropped: self.dropped.clone() };
         let created =
             self.session.create_subscription(publishing, 10 * keep_alive, keep_alive, 0, 0, true, listener);
         let id = self.answer("create a subscription", created).await?;
@@ -288,16 +298,6 @@ impl Link {
         let created = self.session.create_monitored_items(subscription, TimestampsToReturn::Both, items);
         let answer = self.answer("monitored items", created).await?;
         Ok(answer.into_iter().map(|item| item.result.status_code).collect())
-    }
-
-    /// Most nodes of one request to the history.
-    pub(super) fn history_batch(&self) -> usize {
-        self.limits.history
-    }
-
-    /// Events dropped since this was last asked.
-    pub(super) fn take_dropped(&self) -> u64 {
-        self.dropped.swap(0, Ordering::Relaxed)
     }
 }
 

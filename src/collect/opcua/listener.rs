@@ -1,45 +1,201 @@
-//! The receiving end of a subscription: passes on what comes, without waiting.
+//! The receiving end of a subscription: keeps of each value what a sample is made of, and passes it on without waiting. What
+//! waits for the collector is counted by its memory, since a server may send faster than it is asked to.
 
+use super::value::{Meaning, Received};
 use opcua::client::{MonitoredItem, OnSubscriptionNotification};
 use opcua::types::{DataValue, StatusChangeNotification, StatusCode};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
-use tokio::sync::mpsc::Sender;
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use tokio::sync::Notify;
+use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
 
-/// Events that wait for the collector; more are dropped and counted.
-pub(super) const MAX_EVENTS: usize = 100_000;
+/// Memory of the events that wait for the collector at most (bytes): room for some 100,000 numbers. What is more is dropped and
+/// counted.
+const MOST_BYTES: usize = 8 << 20;
+/// From so many bytes on too much waits for the collector to do anything but take it: half, so that nothing is dropped yet.
+const CROWDED: usize = MOST_BYTES / 2;
 
 /// What a subscription brings.
 #[derive(Debug)]
 pub(super) enum Event {
     /// A value of the tag at this position.
-    Value(usize, Box<DataValue>),
+    Value(usize, Received),
     /// The server ended the subscription.
     Ended(StatusCode),
 }
 
-/// Passes on what the subscription brings.
+impl Event {
+    /// Memory that it takes while it waits (bytes).
+    fn bytes(&self) -> usize {
+        let text = match self {
+            Event::Value(_, value) => value.text_bytes(),
+            Event::Ended(_) => 0,
+        };
+        size_of::<Event>() + text
+    }
+}
+
+/// What both ends know of the events that wait.
+#[derive(Default)]
+struct Waiting {
+    /// Memory of those that wait.
+    bytes: AtomicUsize,
+    /// Those that found no room.
+    dropped: AtomicU64,
+    /// Told when there are too many.
+    crowded: Notify,
+}
+
+/// Takes what a subscription brings.
 pub(super) struct Listener {
-    pub(super) sender: Sender<Event>,
-    pub(super) dropped: Arc<AtomicU64>,
+    /// How the values of each tag are read, by position.
+    meanings: Vec<Meaning>,
+    sender: UnboundedSender<Event>,
+    waiting: Arc<Waiting>,
+}
+
+/// What a subscription brought, in its order.
+pub(super) struct Events {
+    receiver: UnboundedReceiver<Event>,
+    waiting: Arc<Waiting>,
+}
+
+/// A listener to a subscription whose tags have these meanings, and what it hears.
+pub(super) fn listener(meanings: Vec<Meaning>) -> (Listener, Events) {
+    let ((sender, receiver), waiting) = (unbounded_channel(), Arc::<Waiting>::default());
+    (Listener { meanings, sender, waiting: waiting.clone() }, Events { receiver, waiting })
 }
 
 impl Listener {
+    /// Only this end adds, so nothing comes between the look at what waits and the event.
     fn send(&self, event: Event) {
-        if self.sender.try_send(event).is_err() {
-            self.dropped.fetch_add(1, Ordering::Relaxed);
+        let bytes = event.bytes();
+        let all = self.waiting.bytes.fetch_add(bytes, Ordering::Relaxed) + bytes;
+        // Where nobody receives any more, nobody asks what was dropped.
+        if all > MOST_BYTES || self.sender.send(event).is_err() {
+            self.waiting.bytes.fetch_sub(bytes, Ordering::Relaxed);
+            self.waiting.dropped.fetch_add(1, Ordering::Relaxed);
+        }
+        if all >= CROWDED {
+            self.waiting.crowded.notify_one();
+        }
+    }
+
+    fn value(&self, client_handle: u32, value: &DataValue) {
+        let Some(at) = client_handle.checked_sub(1).map(|at| at as usize) else { return };
+        if let Some(meaning) = self.meanings.get(at) {
+            self.send(Event::Value(at, Received::of(value, meaning)));
         }
     }
 }
 
 impl OnSubscriptionNotification for Listener {
     fn on_data_value(&mut self, value: DataValue, item: &MonitoredItem) {
-        if let Some(at) = item.client_handle().checked_sub(1) {
-            self.send(Event::Value(at as usize, Box::new(value)));
-        }
+        self.value(item.client_handle(), &value);
     }
 
     fn on_subscription_status_change(&mut self, change: StatusChangeNotification) {
         self.send(Event::Ended(change.status));
+    }
+}
+
+impl Events {
+    /// The next event; `None` when no more can come.
+    pub(super) async fn recv(&mut self) -> Option<Event> {
+        let event = self.receiver.recv().await?;
+        self.waiting.bytes.fetch_sub(event.bytes(), Ordering::Relaxed);
+        Some(event)
+    }
+
+    /// Whether none waits.
+    pub(super) fn is_empty(&self) -> bool {
+        self.receiver.is_empty()
+    }
+
+    /// Ends when so many wait that they have to be taken before anything else is done.
+    pub(super) async fn crowded(&self) {
+        while self.waiting.bytes.load(Ordering::Relaxed) < CROWDED {
+            self.waiting.crowded.notified().await;
+        }
+    }
+
+    /// Events dropped since this was last asked.
+    pub(super) fn take_dropped(&self) -> u64 {
+        self.waiting.dropped.swap(0, Ordering::Relaxed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::collect::scaling::Scaling;
+    use futures::FutureExt;
+    use opcua::types::Variant;
+
+    fn meaning() -> Meaning {
+        let scaling = Scaling { scale: 1.0, offset: 0.0, range: None, auto_values: None };
+        Meaning { scaling, element: None, decimal: None }
+    }
+
+    fn of(value: Variant) -> DataValue {
+        DataValue { value: Some(value), ..DataValue::null() }
+    }
+
+    /// Sends a value again and again until one was dropped; returns how many found room.
+    fn flood(listener: &Listener, value: &DataValue) -> u64 {
+        (0..10_000_000)
+            .take_while(|_| {
+                listener.value(1, value);
+                listener.waiting.dropped.load(Ordering::Relaxed) == 0
+            })
+            .count() as u64
+    }
+
+    #[test]
+    fn whatever_is_sent_and_not_taken_is_held_up_to_a_bound_and_the_rest_is_counted() {
+        let text = "\u{1f321}".repeat(1000);
+        let large = of(Variant::from(vec![0.0; 1000]));
+        let kinds = [of(Variant::from(1.0)), DataValue::null(), large, of(Variant::from(text.as_str()))];
+        for value in kinds {
+            let (listener, mut events) = listener(vec![meaning()]);
+            let room = flood(&listener, &value);
+            let bytes = events.waiting.bytes.load(Ordering::Relaxed);
+            assert!(bytes <= MOST_BYTES && bytes > MOST_BYTES - 1000, "{bytes} bytes of {value:?}");
+            // A number, a value of nothing and an array of any length take the same; a text is cut short.
+            assert!(room > 20_000, "{room} of {value:?}");
+            listener.value(1, &value);
+            assert_eq!((events.take_dropped(), events.take_dropped()), (2, 0));
+            for _ in 0..room {
+                assert!(matches!(events.recv().now_or_never(), Some(Some(Event::Value(0, _)))));
+            }
+            assert!(events.is_empty() && events.waiting.bytes.load(Ordering::Relaxed) == 0);
+            // There is room again, and the end of the subscription needs some as well.
+            listener.send(Event::Ended(StatusCode::BadTimeout));
+            assert!(matches!(events.recv().now_or_never(), Some(Some(Event::Ended(_)))));
+        }
+    }
+
+    #[test]
+    fn too_many_are_told_before_any_is_dropped_and_only_while_they_wait() {
+        let (listener, mut events) = listener(vec![meaning()]);
+        let one = of(Variant::from(1.0));
+        listener.value(1, &one);
+        assert!(events.crowded().now_or_never().is_none());
+        while events.waiting.bytes.load(Ordering::Relaxed) < CROWDED {
+            listener.value(1, &one);
+        }
+        assert!(events.crowded().now_or_never().is_some() && events.crowded().now_or_never().is_some());
+        assert_eq!(events.take_dropped(), 0);
+        assert!(events.recv().now_or_never().is_some());
+        assert!(events.crowded().now_or_never().is_none());
+    }
+
+    #[test]
+    fn a_value_of_no_tag_is_none_of_ours() {
+        let (listener, events) = listener(vec![meaning()]);
+        for handle in [0, 2, u32::MAX] {
+            listener.value(handle, &of(Variant::from(1.0)));
+        }
+        assert!(events.is_empty() && events.take_dropped() == 0);
     }
 }

@@ -1,9 +1,9 @@
 //! `probe`: what a server has, for the day its tags are chosen. Reads only.
 
-use super::config::{Config, TimeFallback};
+use super::config::Config;
 use super::link::Link;
 use super::names::Namespaces;
-use super::value::{self, Meaning};
+use super::value::{self, Meaning, Received};
 use crate::collect::scaling::Scaling;
 use crate::collect::stub::{self, Stub, quoted};
 use opcua::types::{DataValue, NodeClass, NodeId, ObjectId, StatusCode, Variant};
@@ -140,18 +140,16 @@ fn seen(path: &str, node: &str, value: &DataValue) -> Seen {
         Some(single) => value::type_name(single),
         None => String::new(),
     };
+    let received = Received::of(value, &meaning);
     let text = value.value.as_ref().map(ToString::to_string).unwrap_or_default();
     Seen {
         path: path.into(),
         node: node.into(),
         data_type,
         value: text.chars().take(SHOWN).map(|c| if c.is_control() { ' ' } else { c }).collect(),
-        t: value::time(value, TimeFallback::None, f64::NAN),
+        t: received.source,
         status: status.to_string(),
-        no_number: value::number(value, &meaning)
-            .err()
-            .map(|why| why.to_string())
-            .filter(|_| !status.is_bad()),
+        no_number: received.number.err().map(|why| why.to_string()).filter(|_| !status.is_bad()),
     }
 }
 

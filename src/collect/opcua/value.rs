@@ -83,34 +83,60 @@ pub(super) fn date_time(seconds: f64) -> DateTime {
     DateTime::from((bounded * TICKS_PER_S as f64) as i64 + UNIX_EPOCH_TICKS)
 }
 
-/// When the value held: its source time, else what the configuration names instead. `None`: nobody knows.
-pub(super) fn time(value: &DataValue, fallback: TimeFallback, arrival: f64) -> Option<f64> {
-    let source = value.source_timestamp.as_ref().and_then(seconds);
-    source.or_else(|| match fallback {
-        TimeFallback::Server => server_time(value),
-        TimeFallback::Arrival => Some(arrival),
-        TimeFallback::None => None,
-    })
+/// What is kept of a data value: little, however much was sent.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Received {
+    /// The number before scaling, or why there is none.
+    pub(super) number: Result<f64, NoNumber>,
+    /// Its source's time stamp (s).
+    pub(super) source: Option<f64>,
+    /// The server's time stamp (s).
+    pub(super) server: Option<f64>,
+    status: StatusCode,
 }
 
-/// The server's time stamp.
-pub(super) fn server_time(value: &DataValue) -> Option<f64> {
-    value.server_timestamp.as_ref().and_then(seconds)
-}
-
-/// The value and whether to believe it.
-pub(super) fn reading(value: &DataValue, meaning: &Meaning) -> Reading {
-    let status = value.status.unwrap_or(StatusCode::Good);
-    if status.is_bad() {
-        return Reading::bad(bad_reason(status));
+impl Received {
+    /// What is kept of `value`, the value of a tag of this meaning.
+    pub(super) fn of(value: &DataValue, meaning: &Meaning) -> Self {
+        Self {
+            number: number(value, meaning),
+            source: value.source_timestamp.as_ref().and_then(seconds),
+            server: value.server_timestamp.as_ref().and_then(seconds),
+            status: value.status.unwrap_or(StatusCode::Good),
+        }
     }
-    let Ok(raw) = number(value, meaning) else {
-        return Reading::bad(BadReason::NotANumber);
-    };
-    let read = meaning.scaling.read(raw);
-    match (read.quality, suspicion(status)) {
-        (Quality::Good, Some(quality)) => Reading { quality, ..read },
-        _ => read,
+
+    /// When the value held: its source time, else what the configuration names instead. `None`: nobody knows.
+    pub(super) fn time(&self, fallback: TimeFallback, arrival: f64) -> Option<f64> {
+        self.source.or(match fallback {
+            TimeFallback::Server => self.server,
+            TimeFallback::Arrival => Some(arrival),
+            TimeFallback::None => None,
+        })
+    }
+
+    /// The value and whether to believe it.
+    pub(super) fn reading(&self, meaning: &Meaning) -> Reading {
+        if self.status.is_bad() {
+            return Reading::bad(bad_reason(self.status));
+        }
+        let Ok(raw) = self.number else {
+            return Reading::bad(BadReason::NotANumber);
+        };
+        let read = meaning.scaling.read(raw);
+        match (read.quality, suspicion(self.status)) {
+            (Quality::Good, Some(quality)) => Reading { quality, ..read },
+            _ => read,
+        }
+    }
+
+    /// Memory that it takes beside its own size (bytes): that of a text.
+    pub(super) fn text_bytes(&self) -> usize {
+        match &self.number {
+            Err(NoNumber::Text(fault)) => fault.text_bytes(),
+            Err(NoNumber::Type(name)) => name.capacity(),
+            _ => 0,
+        }
     }
 }
 
@@ -192,7 +218,7 @@ mod tests {
 
     fn of(status: StatusCode, value: impl Into<Variant>) -> Reading {
         let value = DataValue { value: Some(value.into()), status: Some(status), ..DataValue::null() };
-        reading(&value, &PLAIN)
+        Received::of(&value, &PLAIN).reading(&PLAIN)
     }
 
     #[test]
@@ -224,7 +250,8 @@ mod tests {
         for value in [Variant::from("x"), Variant::Empty, Variant::from(vec![7.0]), Variant::from(f64::NAN)] {
             assert_eq!(of(StatusCode::Good, value).quality, Quality::Bad(BadReason::NotANumber));
         }
-        assert_eq!(reading(&DataValue::null(), &PLAIN).quality, Quality::Bad(BadReason::NotANumber));
+        let nothing = Received::of(&DataValue::null(), &PLAIN).reading(&PLAIN);
+        assert_eq!(nothing.quality, Quality::Bad(BadReason::NotANumber));
     }
 
     #[test]
@@ -253,6 +280,7 @@ mod tests {
             DataValue { source_timestamp: Some(source), server_timestamp: Some(server), ..DataValue::null() };
         let without = DataValue { source_timestamp: None, ..full.clone() };
         let null = DataValue { source_timestamp: Some(DateTime::null()), ..full.clone() };
+        let time = |value: &DataValue, fallback, arrival| Received::of(value, &PLAIN).time(fallback, arrival);
         let all = [TimeFallback::Server, TimeFallback::Arrival, TimeFallback::None];
         for fallback in all {
             assert_eq!(time(&full, fallback, 3000.0), Some(1000.0));
@@ -261,6 +289,19 @@ mod tests {
             assert_eq!(all.map(|f| time(&value, f, 3000.0)), [Some(2000.0), Some(3000.0), None]);
         }
         assert_eq!(time(&DataValue::null(), TimeFallback::Server, 3000.0), None);
+    }
+
+    #[test]
+    fn little_is_kept_of_a_value_however_large() {
+        assert!(size_of::<Received>() <= 80, "{}", size_of::<Received>());
+        let kept = |value: Variant| {
+            let value = DataValue { value: Some(value), ..DataValue::null() };
+            Received::of(&value, &PLAIN).text_bytes()
+        };
+        assert_eq!(kept(Variant::from(7.0)), 0);
+        assert_eq!(kept(Variant::from(vec![7.0; 20_000])), 0);
+        let text = kept(Variant::from("\u{1f321}".repeat(10_000).as_str()));
+        assert!((1..=256).contains(&text), "{text}");
     }
 
     proptest! {

@@ -1,10 +1,14 @@
-//! After a reconnect: the gap is read from the server's history, page by page.
+//! After a reconnect: the gap is read from the server's history, page by page, for as long as live values can wait.
 
-use super::{Collector, Link, Lost};
+use super::{Collector, Lost};
 use crate::collect::Sink;
 use crate::collect::opcua::config::TimeFallback;
-use crate::collect::opcua::value;
+use crate::collect::opcua::link::{Historian, Progress};
+use crate::collect::opcua::listener::Events;
+use crate::collect::opcua::value::Received;
 use opcua::types::{ByteString, DataValue, NodeId, StatusCode};
+use std::time::Duration;
+use tokio::time::{Instant, sleep_until};
 use tracing::{debug, info, warn};
 
 /// History is asked from this long before the gap (s): tags are not stamped all at once.
@@ -13,8 +17,10 @@ const MARGIN_S: f64 = 60.0;
 const AHEAD_S: f64 = 60.0;
 /// A source's clock that is further ahead than this (s) is wrong: a day, since some show local time.
 const WRONG_S: f64 = 86_400.0;
-/// Pages read of one node in one gap at most.
-const MAX_PAGES: usize = 3000;
+/// Rounds over the nodes of one batch at most: enough for 31 days of a value a second in pages of 1,000.
+const MAX_ROUNDS: usize = 3000;
+/// Live values wait for history no longer than this: pages of 31 days come in it at five a second.
+const MOST_WAIT: Duration = Duration::from_secs(600);
 /// After so many sessions in a row that were lost while history was read, one goes on without it.
 const MOST_LOST: u32 = 2;
 
@@ -26,11 +32,97 @@ struct Filled {
     failed: Vec<usize>,
     /// The server did not give the service at all.
     refused: bool,
+    /// Why live values could wait no longer, if they could not.
+    over: Option<&'static str>,
+}
+
+/// How long live values can wait.
+struct Patience<'e> {
+    events: Option<&'e Events>,
+    until: Instant,
+}
+
+impl Patience<'_> {
+    /// Ends when they can wait no longer, and says why.
+    async fn over(&self) -> &'static str {
+        let crowded = async {
+            match self.events {
+                Some(events) => events.crowded().await,
+                None => std::future::pending().await,
+            }
+        };
+        tokio::select! {
+            () = crowded => "too many live values wait",
+            () = sleep_until(self.until) => "live values have waited for too long",
+        }
+    }
+}
+
+/// A tag whose history is being read.
+struct Open {
+    at: usize,
+    /// Where its next page begins; null for the time that is asked from.
+    next: ByteString,
+    progress: Progress,
+}
+
+impl Open {
+    fn new(at: usize) -> Self {
+        Self { at, next: ByteString::null(), progress: Progress::default() }
+    }
+}
+
+/// What is still to be read of one batch. Nodes with a continuation go on; one that gave none is asked again from its newest value
+/// on, since a server may cap an answer without a word.
+struct Batch {
+    /// Asked next, from `start` (s) or where each goes on.
+    open: Vec<Open>,
+    start: f64,
+    /// Asked in the next round, from the same time.
+    continued: Vec<Open>,
+    /// Asked from their newest values, when no other is left.
+    later: Vec<Open>,
+    rounds: usize,
+}
+
+impl Batch {
+    fn new(tags: &[usize], start: f64) -> Self {
+        let open = tags.iter().map(|at| Open::new(*at)).collect();
+        Self { open, start, continued: Vec::new(), later: Vec::new(), rounds: 0 }
+    }
+
+    /// Goes on to the next round when this one is over; whether there is anything to ask.
+    fn goes_on(&mut self) -> bool {
+        if !self.open.is_empty() {
+            return true;
+        }
+        self.rounds += 1;
+        if self.rounds == MAX_ROUNDS {
+            return false;
+        }
+        // Continuation points belong to the time they were asked with: those first, the others start anew.
+        self.open = std::mem::take(&mut self.continued);
+        if self.open.is_empty() {
+            self.start = self.later.iter().map(|tag| tag.progress.newest).fold(f64::INFINITY, f64::min);
+            self.open = self.later.drain(..).map(|tag| Open::new(tag.at)).collect();
+        }
+        !self.open.is_empty()
+    }
+
+    /// Those that were not read to their end.
+    fn rest(self) -> impl Iterator<Item = usize> {
+        self.open.into_iter().chain(self.continued).chain(self.later).map(|tag| tag.at)
+    }
 }
 
 impl Collector {
-    /// Reads what the server kept while nobody listened, oldest first.
-    pub(super) async fn fill(&mut self, link: &mut Link, sink: &dyn Sink) -> Result<(), Lost> {
+    /// Reads what the server kept while nobody listened, oldest first, until too many `events` wait or for too long.
+    pub(super) async fn fill(
+        &mut self,
+        link: &mut impl Historian,
+        events: Option<&Events>,
+        sink: &dyn Sink,
+    ) -> Result<(), Lost> {
         let config = &self.plan.config;
         let fills = config.fill_gaps || self.starting;
         let asked: Vec<usize> = (0..self.tags.len())
@@ -38,7 +130,8 @@ impl Collector {
             .filter(|at| self.starting || self.tags[*at].series.last().is_some())
             .collect();
         if !asked.is_empty() && self.dares() {
-            self.fill_all(link, &asked, sink).await?;
+            let patience = Patience { events, until: Instant::now() + MOST_WAIT };
+            self.fill_all(link, &asked, &patience, sink).await?;
         }
         self.starting = false;
         Ok(())
@@ -67,26 +160,33 @@ impl Collector {
         ((from - MARGIN_S).max(longest), to + AHEAD_S)
     }
 
-    async fn fill_all(&mut self, link: &mut Link, asked: &[usize], sink: &dyn Sink) -> Result<(), Lost> {
+    async fn fill_all(
+        &mut self,
+        link: &mut impl Historian,
+        asked: &[usize],
+        patience: &Patience<'_>,
+        sink: &dyn Sink,
+    ) -> Result<(), Lost> {
         let (from, to) = self.span(asked);
         if self.starting {
             let seconds = to - AHEAD_S - from;
             info!(device = %self.name(), tags = asked.len(), seconds, "history of before the start is read");
         }
-        let (mut samples, mut unfilled, mut refused) = (0, 0, false);
-        for batch in asked.chunks(link.history_batch().max(1)) {
-            if refused {
+        let (mut samples, mut unfilled, mut refused, mut over) = (0, 0, false, None);
+        for batch in asked.chunks(link.batch().max(1)) {
+            if refused || over.is_some() {
                 unfilled += batch.len();
                 continue;
             }
-            let mut filled = self.fill_some(link, batch, (from, to), sink).await?;
+            let mut filled = self.fill_some(link, batch, (from, to), patience, sink).await?;
             // Where something came it is asked for once anew, from the newest on.
             let again: Vec<usize> = filled.failed.iter().copied().filter(|at| !self.tags[*at].gap).collect();
-            if !again.is_empty() {
+            if !again.is_empty() && filled.over.is_none() {
                 let newest = again.iter().filter_map(|at| self.tags[*at].series.last()).fold(to, f64::min);
-                let rest = self.fill_some(link, &again, (newest, to), sink).await?;
+                let rest = self.fill_some(link, &again, (newest, to), patience, sink).await?;
                 filled.failed.retain(|at| !again.contains(at) || rest.failed.contains(at));
-                (filled.samples, filled.refused) = (filled.samples + rest.samples, rest.refused);
+                filled.samples += rest.samples;
+                (filled.refused, filled.over) = (rest.refused, rest.over);
             }
             for at in batch {
                 let failed = filled.failed.contains(at);
@@ -94,9 +194,11 @@ impl Collector {
             }
             samples += filled.samples;
             unfilled += filled.failed.len();
-            refused = filled.refused;
+            (refused, over) = (filled.refused, filled.over);
         }
-        if samples == 0 && unfilled > 0 {
+        if let Some(why) = over {
+            warn!(device = %self.name(), samples, unfilled, "history is broken off, and the rest stays a gap: {why}");
+        } else if samples == 0 && unfilled > 0 {
             info!(device = %self.name(), "the server gives no history: the gap stays");
         } else {
             info!(device = %self.name(), tags = asked.len(), samples, unfilled, "gap filled from history");
@@ -106,56 +208,62 @@ impl Collector {
 
     async fn fill_some(
         &mut self,
-        link: &mut Link,
-        batch: &[usize],
+        link: &mut impl Historian,
+        tags: &[usize],
         (from, to): (f64, f64),
+        patience: &Patience<'_>,
         sink: &dyn Sink,
     ) -> Result<Filled, Lost> {
-        let mut filled = Filled::default();
-        let mut open: Vec<(usize, ByteString)> = batch.iter().map(|at| (*at, ByteString::null())).collect();
-        // Nodes with a continuation go on; one that gave none is asked again from its newest value on, since a server
-        // may cap an answer without a word.
-        let (mut start, mut later) = (from, Vec::<(usize, f64)>::new());
-        for _ in 0..MAX_PAGES {
-            let nodes: Vec<(NodeId, ByteString)> = open
-                .iter()
-                .filter_map(|(at, next)| Some((self.tags[*at].node.clone()?, next.clone())))
-                .collect();
-            if nodes.is_empty() || nodes.len() != open.len() {
+        let (mut filled, mut batch) = (Filled::default(), Batch::new(tags, from));
+        while batch.goes_on() {
+            let node = |tag: &Open| Some((self.tags[tag.at].node.clone()?, tag.next.clone()));
+            let Some(nodes) = batch.open.iter().map(node).collect::<Option<Vec<(NodeId, ByteString)>>>()
+            else {
                 break;
-            }
-            let Some(pages) = link.history_if_any(&nodes, start, to).await? else {
+            };
+            let answer = tokio::select! {
+                biased;
+                why = patience.over() => {
+                    filled.over = Some(why);
+                    break;
+                }
+                answer = link.ask(&nodes, batch.start, to) => answer?,
+            };
+            let Some(pages) = answer.filter(|pages| !pages.is_empty()) else {
                 filled.refused = true;
                 break;
             };
-            let mut continued = Vec::new();
-            for ((at, _), page) in open.into_iter().zip(pages) {
+            // One answer is held at a time: what it brought is handed on before the next is asked for.
+            let answered = pages.len().min(batch.open.len());
+            let answered: Vec<Open> = batch.open.drain(..answered).collect();
+            for (mut tag, page) in answered.into_iter().zip(pages) {
                 if is_empty(page.status) {
                     continue;
                 }
                 if page.status.is_bad() {
-                    debug!(device = %self.name(), tag = %self.plan.tags[at].name, "history: {}", page.status);
-                    filled.failed.push(at);
+                    let name = &self.plan.tags[tag.at].name;
+                    debug!(device = %self.name(), tag = %name, "history: {}", page.status);
+                    filled.failed.push(tag.at);
                     continue;
                 }
-                let (news, newest) = self.take_page(at, page.values, to, sink);
+                tag.next = page.next;
+                let (news, newest) = self.take_page(tag.at, page.values, to, sink);
                 filled.samples += news;
-                if !page.next.is_null_or_empty() {
-                    continued.push((at, page.next));
-                } else if newest > start {
-                    later.push((at, newest));
+                let leads_on = tag.progress.leads_on(newest);
+                if tag.next.is_null_or_empty() {
+                    if newest > batch.start {
+                        batch.later.push(tag);
+                    }
+                } else if leads_on {
+                    batch.continued.push(tag);
+                } else {
+                    let name = &self.plan.tags[tag.at].name;
+                    debug!(device = %self.name(), tag = %name, "history: page after page brings nothing newer");
+                    filled.failed.push(tag.at);
                 }
             }
-            // Continuation points belong to the time they were asked with: those first, the others start anew.
-            if continued.is_empty() {
-                start = later.iter().map(|(_, newest)| *newest).fold(f64::INFINITY, f64::min);
-                open = later.drain(..).map(|(at, _)| (at, ByteString::null())).collect();
-            } else {
-                open = continued;
-            }
         }
-        // What is open still, or was to be asked again, was not read to its end.
-        filled.failed.extend(open.into_iter().map(|(at, _)| at).chain(later.into_iter().map(|(at, _)| at)));
+        filled.failed.extend(batch.rest());
         Ok(filled)
     }
 
@@ -167,9 +275,11 @@ impl Collector {
         to: f64,
         sink: &dyn Sink,
     ) -> (u64, f64) {
-        let mut page: Vec<(f64, DataValue)> = values
+        let meaning = &self.plan.tags[at].meaning;
+        let mut page: Vec<(f64, Received)> = values
             .into_iter()
-            .filter_map(|value| Some((value::time(&value, TimeFallback::Server, f64::NAN)?, value)))
+            .map(|value| Received::of(&value, meaning))
+            .filter_map(|value| Some((value.time(TimeFallback::Server, f64::NAN)?, value)))
             // A wrong stamp far ahead would leave no room for all that comes after it.
             .filter(|(t, _)| *t <= to)
             .collect();
@@ -187,7 +297,7 @@ impl Collector {
             if let Some(before) = before.filter(|before| gap && self.is_late(at, t, since, *before)) {
                 self.mark_gap(at, (before, since), t, sink);
             }
-            let reading = value::reading(&value, &self.plan.tags[at].meaning);
+            let reading = value.reading(&self.plan.tags[at].meaning);
             self.hand_over(at, t, reading, sink);
             news += 1;
         }

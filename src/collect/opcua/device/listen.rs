@@ -2,12 +2,12 @@
 
 use super::{Collector, Link, Lost, Never, RETRY};
 use crate::collect::Sink;
-use crate::collect::opcua::listener::Event;
+use crate::collect::opcua::listener::{Event, Events};
 use crate::collect::opcua::plan::Sampling;
-use crate::collect::opcua::value;
-use opcua::types::{DataValue, NodeId};
+use crate::collect::opcua::value::Received;
+use opcua::types::NodeId;
 use std::time::Duration;
-use tokio::time::Instant;
+use tokio::time::{Instant, Interval};
 
 /// What reading tells of a subscription that brings nothing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -18,58 +18,94 @@ pub(super) struct Closer {
     pub(super) lately: usize,
 }
 
+/// What happened to a subscription.
+#[derive(Debug)]
+pub(super) enum Next {
+    /// Something came; `None` when nothing can come any more.
+    Event(Option<Event>),
+    /// A period is over.
+    Tick,
+}
+
+/// An event or a tick, at random where there is both: neither a flood of values nor ticks that take long keep the other waiting.
+pub(super) async fn next(events: &mut Events, ticks: &mut Interval) -> Next {
+    tokio::select! {
+        event = events.recv() => Next::Event(event),
+        _ = ticks.tick() => Next::Tick,
+    }
+}
+
+/// A subscription, and what it still owes.
+struct Subscription {
+    id: u32,
+    events: Events,
+    /// When it last brought something, or reading showed that there was nothing to bring.
+    heard: Instant,
+    /// Since when something has changed that it has not brought, and how many values.
+    due: Option<(Instant, usize)>,
+    /// When nodes that were refused were last tried again.
+    retried: Instant,
+}
+
 impl Collector {
     pub(super) async fn listen(&mut self, link: &mut Link, sink: &dyn Sink) -> Result<Never, Lost> {
-        let (subscription, mut events) = link.subscribe().await?;
-        self.monitor(link, subscription, sink).await?;
-        // What the subscription brings meanwhile waits in its queue: history comes first.
-        self.fill(link, sink).await?;
-        let silence = Duration::from_secs_f64(self.plan.silence_s());
-        let pace = Duration::from_secs_f64(self.plan.pace_s());
-        let (mut heard, mut retried) = (Instant::now(), Instant::now());
-        // Since when something has changed that the subscription has not brought, and how many values.
-        let mut due: Option<(Instant, usize)> = None;
+        let meanings = self.plan.tags.iter().map(|tag| tag.meaning.clone()).collect();
+        let (id, events) = link.subscribe(meanings).await?;
+        self.monitor(link, id, sink).await?;
+        // What the subscription brings meanwhile waits in its queue: history comes first, as long as there is room.
+        self.fill(link, Some(&events), sink).await?;
+        let now = Instant::now();
+        let mut own = Subscription { id, events, heard: now, due: None, retried: now };
         let mut ticks = self.ticks();
         loop {
             tokio::select! {
                 biased;
-                event = events.recv() => match event {
-                    Some(Event::Value(at, value)) => {
-                        (heard, due) = (Instant::now(), None);
+                next = next(&mut own.events, &mut ticks) => match next {
+                    Next::Event(Some(Event::Value(at, value))) => {
+                        (own.heard, own.due) = (Instant::now(), None);
                         self.live(at, &value, sink);
                     }
-                    Some(Event::Ended(status)) => {
+                    Next::Event(Some(Event::Ended(status))) => {
                         return Err(Lost::Broken(format!("the server ended the subscription: {status}")));
                     }
-                    None => return Err(Lost::Broken("the subscription is gone".into())),
+                    Next::Event(None) => return Err(Lost::Broken("the subscription is gone".into())),
+                    Next::Tick => self.tick(link, &mut own, sink).await?,
                 },
+                // What came before the end is taken first.
                 () = link.ended() => return Err(Lost::Broken("the server ended the session".into())),
-                _ = ticks.tick() => {
-                    match due {
-                        Some((since, changed)) if since.elapsed() > pace => return Err(self.silent(changed)),
-                        Some(_) => {}
-                        None if heard.elapsed() > silence => match self.listen_closer(link, sink).await? {
-                            Closer { hidden, .. } if hidden > 0 => return Err(self.silent(hidden)),
-                            Closer { lately, .. } if lately > 0 => due = Some((Instant::now(), lately)),
-                            _ => heard = Instant::now(),
-                        },
-                        None => {}
-                    }
-                    if retried.elapsed() > RETRY {
-                        self.monitor(link, subscription, sink).await?;
-                        retried = Instant::now();
-                    }
-                    let dropped = link.take_dropped();
-                    if dropped > 0 {
-                        return Err(Lost::Broken(format!("{dropped} values came faster than they could be taken")));
-                    }
-                    // Live values go on: this session has lived through its history.
-                    self.lost_filling = 0;
-                    self.repeat_frozen(sink);
-                    self.end_round(sink, Duration::ZERO);
-                }
             }
         }
+    }
+
+    /// A period is over: looks whether the subscription still brings what it has to.
+    async fn tick(&mut self, link: &mut Link, own: &mut Subscription, sink: &dyn Sink) -> Result<(), Lost> {
+        let dropped = own.events.take_dropped();
+        if dropped > 0 {
+            return Err(Lost::Broken(format!("{dropped} values came faster than they could be taken")));
+        }
+        let silence = Duration::from_secs_f64(self.plan.silence_s());
+        let pace = Duration::from_secs_f64(self.plan.pace_s());
+        match own.due {
+            // What waits here was brought.
+            _ if !own.events.is_empty() => {}
+            Some((since, changed)) if since.elapsed() > pace => return Err(self.silent(changed)),
+            Some(_) => {}
+            None if own.heard.elapsed() > silence => match self.listen_closer(link, sink).await? {
+                Closer { hidden, .. } if hidden > 0 => return Err(self.silent(hidden)),
+                Closer { lately, .. } if lately > 0 => own.due = Some((Instant::now(), lately)),
+                _ => own.heard = Instant::now(),
+            },
+            None => {}
+        }
+        if own.retried.elapsed() > RETRY {
+            self.monitor(link, own.id, sink).await?;
+            own.retried = Instant::now();
+        }
+        // Live values go on: this session has lived through its history.
+        self.lost_filling = 0;
+        self.repeat_frozen(sink);
+        self.end_round(sink, Duration::ZERO);
+        Ok(())
     }
 
     fn silent(&self, changed: usize) -> Lost {
@@ -96,10 +132,10 @@ impl Collector {
 
     /// Nothing came for long. Either nothing has changed, or the subscription is dead: reading tells.
     async fn listen_closer(&mut self, link: &mut Link, sink: &dyn Sink) -> Result<Closer, Lost> {
-        let (places, values) = self.read(link).await?;
+        let values = self.read(link).await?;
         // What has not changed does not tell when the subscription died.
         let (heard_at, mut closer) = (self.heard_at, Closer::default());
-        for (at, value) in places.into_iter().zip(values) {
+        for (at, value) in values {
             self.look(at, &value, &mut closer, sink);
         }
         if closer != Closer::default() {
@@ -110,11 +146,11 @@ impl Collector {
 
     /// One value that was read because nothing came. What the subscription has to bring is left to it: when it is dead, the
     /// next session reads from history what was before that value too.
-    pub(super) fn look(&mut self, at: usize, value: &DataValue, closer: &mut Closer, sink: &dyn Sink) {
+    pub(super) fn look(&mut self, at: usize, value: &Received, closer: &mut Closer, sink: &dyn Sink) {
         let (state, tag) = (&self.tags[at], &self.plan.tags[at]);
-        let t = value::time(value, self.plan.config.source_time_fallback, self.clock.now());
-        let raw = value::number(value, &tag.meaning).ok();
-        let newer = value.source_timestamp.is_some() && t.is_some_and(|t| state.series.is_newer(t));
+        let t = value.time(self.plan.config.source_time_fallback, self.clock.now());
+        let raw = value.number.as_ref().ok().copied();
+        let newer = value.source.is_some() && t.is_some_and(|t| state.series.is_newer(t));
         let sent = tag.sampling.deadband.lets_through(state.raw, raw);
         match t.filter(|_| newer && sent) {
             Some(t) if self.source_of(at) - t > self.plan.pace_s() => closer.hidden += 1,

@@ -1,10 +1,9 @@
 //! The sources' clocks, and the marks that say by them why there is no value.
 
 use super::{Collector, STEP_S, State};
-use crate::collect::opcua::value;
+use crate::collect::opcua::value::Received;
 use crate::collect::{Reading, Sink};
 use crate::signal::{BadReason, Quality};
-use opcua::types::DataValue;
 use std::time::Duration;
 use tracing::warn;
 
@@ -31,10 +30,10 @@ impl Collector {
 
     /// When a value came that has no usable stamp of its own: by the clock of its source where that runs, since the server's
     /// may be ahead of it.
-    pub(super) fn came(&self, at: usize, value: &DataValue) -> f64 {
+    pub(super) fn came(&self, at: usize, value: &Received) -> f64 {
         let steady = self.steady();
         let source = self.tags[at].source.running(steady);
-        source.or_else(|| value::server_time(value)).unwrap_or_else(|| self.sources_at(steady))
+        source.or(value.server).unwrap_or_else(|| self.sources_at(steady))
     }
 
     /// A session has ended: from now on something is missing of every tag, unless it was before.

@@ -9,13 +9,13 @@ use std::sync::Mutex;
 use tokio::time::advance;
 
 /// Our clock's time at the start of a test (s).
-const START: f64 = 1.0e9;
+pub(super) const START: f64 = 1.0e9;
 /// A time of another century (s).
 const FAR: f64 = 4.07e9;
 
 /// What was handed on, with its tag.
 #[derive(Default)]
-struct Recorder(Mutex<Vec<(usize, Sample)>>);
+pub(super) struct Recorder(Mutex<Vec<(usize, Sample)>>);
 
 impl Sink for Recorder {
     fn sample(&self, tag: usize, sample: Sample) {
@@ -25,7 +25,7 @@ impl Sink for Recorder {
 }
 
 impl Recorder {
-    fn of(&self, tag: usize) -> Vec<Sample> {
+    pub(super) fn of(&self, tag: usize) -> Vec<Sample> {
         self.0.lock().unwrap().iter().filter(|(at, _)| *at == tag).map(|(_, sample)| *sample).collect()
     }
 
@@ -35,7 +35,7 @@ impl Recorder {
 }
 
 /// A collector of so many tags whose clock goes with the runtime's.
-fn collector(tags: usize, more: &str, frozen_after_s: Option<f64>) -> Collector {
+pub(super) fn collector(tags: usize, more: &str, frozen_after_s: Option<f64>) -> Collector {
     let text = format!("name = 'd'\nurl = 'opc.tcp://d:4840/'\nsecurity_policy = 'None'\n{more}");
     let config: Config = toml::from_str(&text).unwrap();
     let spec = |index: usize| TagSpec {
@@ -50,7 +50,7 @@ fn collector(tags: usize, more: &str, frozen_after_s: Option<f64>) -> Collector 
     Collector::new(plan, Arc::new(move || START + began.elapsed().as_secs_f64()), 1)
 }
 
-fn good(value: f64, source: f64) -> DataValue {
+pub(super) fn good(value: f64, source: f64) -> DataValue {
     DataValue {
         value: Some(Variant::Double(value)),
         source_timestamp: Some(date_time(source)),
@@ -67,16 +67,22 @@ fn bad(server: f64) -> DataValue {
     }
 }
 
+/// A value of this tag comes.
+fn live(collector: &mut Collector, at: usize, value: &DataValue, sink: &Recorder) {
+    let received = Received::of(value, &collector.plan.tags[at].meaning);
+    collector.live(at, &received, sink);
+}
+
 async fn pass(seconds: f64) {
     advance(Duration::from_secs_f64(seconds)).await;
 }
 
 /// A second of each of the tags, stamped with our time and so much more.
-async fn second(collector: &mut Collector, tags: &[usize], ahead: f64, sink: &Recorder) {
+pub(super) async fn second(collector: &mut Collector, tags: &[usize], ahead: f64, sink: &Recorder) {
     pass(1.0).await;
     let now = collector.clock.now() + ahead;
     for at in tags {
-        collector.live(*at, &good(now - START, now), sink);
+        live(collector, *at, &good(now - START, now), sink);
     }
 }
 
@@ -89,18 +95,18 @@ async fn a_value_that_does_not_change_is_a_sign_of_life() {
     let (sink, mut collector) = (Recorder::default(), collector(1, "", None));
     let health = collector.health();
     let last = || health.snapshot().last_good.expect("one came");
-    collector.live(0, &good(5.0, START), &sink);
+    live(&mut collector, 0, &good(5.0, START), &sink);
     assert_eq!(last(), START);
     pass(300.0).await;
-    collector.live(0, &good(5.0, START), &sink);
+    live(&mut collector, 0, &good(5.0, START), &sink);
     assert!(last() >= START + 300.0 && sink.of(0).len() == 1, "no sample, and alive");
     // It could not be had for a while, and is as it was: behind the mark, and then the same again.
     pass(300.0).await;
-    collector.live(0, &bad(START + 600.0), &sink);
+    live(&mut collector, 0, &bad(START + 600.0), &sink);
     assert!(last() < START + 600.0, "that is no good answer");
-    collector.live(0, &good(5.0, START), &sink);
+    live(&mut collector, 0, &good(5.0, START), &sink);
     pass(300.0).await;
-    collector.live(0, &good(5.0, START), &sink);
+    live(&mut collector, 0, &good(5.0, START), &sink);
     assert!(last() >= START + 900.0 && sink.of(0).len() == 3, "{:?}", sink.of(0));
 }
 
@@ -110,7 +116,7 @@ async fn one_stamp_of_another_century_stops_no_tag_over_an_outage() {
     for _ in 0..5 {
         second(&mut collector, &[0, 1, 2], 0.0, &sink).await;
     }
-    collector.live(2, &good(1.0, FAR), &sink);
+    live(&mut collector, 2, &good(1.0, FAR), &sink);
     collector.left();
     for _ in 0..10 {
         pass(1.0).await;
@@ -133,7 +139,7 @@ async fn one_stamp_of_another_century_stops_no_tag_over_an_outage() {
 #[tokio::test(start_paused = true)]
 async fn the_first_stamp_of_a_tag_may_be_far_ahead_and_moves_no_other() {
     let (sink, mut collector) = (Recorder::default(), collector(3, "fill_gaps = false", None));
-    collector.live(0, &good(1.0, FAR), &sink);
+    live(&mut collector, 0, &good(1.0, FAR), &sink);
     for _ in 0..3 {
         second(&mut collector, &[1, 2], 0.0, &sink).await;
     }
@@ -154,7 +160,8 @@ async fn a_controller_whose_clock_is_late_loses_no_value_behind_a_bad_one() {
         second(&mut collector, &[0], -40.0, &sink).await;
     }
     pass(1.0).await;
-    collector.live(0, &bad(collector.clock.now()), &sink);
+    let now = collector.clock.now();
+    live(&mut collector, 0, &bad(now), &sink);
     let mark = sink.last(0);
     assert!(mark.value.is_nan() && (mark.t - START - 6.0 + 40.0).abs() < 0.1, "{mark:?}");
     for _ in 0..10 {
@@ -171,7 +178,7 @@ async fn a_controller_whose_clock_is_late_loses_no_value_behind_a_bad_one() {
 async fn history_is_asked_from_the_end_of_the_session_however_often_the_next_ones_fail() {
     let (sink, mut collector) = (Recorder::default(), collector(2, "history_max_s = 3600.0", None));
     // A set point of yesterday, and a value that changes.
-    collector.live(0, &good(50.0, START - 86_400.0), &sink);
+    live(&mut collector, 0, &good(50.0, START - 86_400.0), &sink);
     for _ in 0..10 {
         second(&mut collector, &[1], 0.0, &sink).await;
     }
@@ -229,6 +236,12 @@ async fn a_wrong_stamp_in_the_history_is_left_out() {
     assert!((sink.last(0).t - START - 14.0).abs() < 0.1, "{:?}", sink.last(0));
 }
 
+/// A value of the first tag was read.
+fn look(collector: &mut Collector, value: &DataValue, closer: &mut Closer, sink: &Recorder) {
+    let received = Received::of(value, &collector.plan.tags[0].meaning);
+    collector.look(0, &received, closer, sink);
+}
+
 #[tokio::test(start_paused = true)]
 async fn a_value_that_changed_lately_is_not_hidden_yet() {
     let (sink, mut collector) = (Recorder::default(), collector(1, "sampling_ms = 60000", None));
@@ -236,14 +249,14 @@ async fn a_value_that_changed_lately_is_not_hidden_yet() {
     pass(200.0).await;
     let now = collector.clock.now();
     let mut closer = Closer::default();
-    collector.look(0, &good(7.0, now - 30.0), &mut closer, &sink);
+    look(&mut collector, &good(7.0, now - 30.0), &mut closer, &sink);
     assert_eq!(closer, Closer { hidden: 0, lately: 1 });
-    collector.look(0, &good(7.0, now - 62.0), &mut closer, &sink);
+    look(&mut collector, &good(7.0, now - 62.0), &mut closer, &sink);
     assert_eq!(closer, Closer { hidden: 1, lately: 1 });
     // Neither was handed on: what the subscription owes comes by it, or from history.
     assert_eq!(sink.of(0).len(), 1);
     // What has not changed is no reason for anything.
-    collector.look(0, &good(1.0, START + 1.0), &mut closer, &sink);
+    look(&mut collector, &good(1.0, START + 1.0), &mut closer, &sink);
     assert_eq!((closer, sink.of(0).len()), (Closer { hidden: 1, lately: 1 }, 1));
 }
 
@@ -260,7 +273,7 @@ async fn a_value_that_is_told_once_is_stale_once_when_it_stays_for_too_long() {
     assert_eq!((samples[1].value, samples[1].quality), (samples[0].value, Quality::Stale));
     assert!(samples[1].t - samples[0].t > 60.0 && samples[1].t - samples[0].t < 64.0, "{samples:?}");
     // Read again with its own stamp it is nothing new, and a change is good.
-    collector.live(0, &good(1.0, START + 1.0), &sink);
+    live(&mut collector, 0, &good(1.0, START + 1.0), &sink);
     assert_eq!((sink.of(0).len(), collector.health.snapshot().discarded_samples), (2, 0));
     second(&mut collector, &[0], 0.0, &sink).await;
     assert!(sink.last(0).quality.is_good() && forward(&sink.of(0)), "{:?}", sink.of(0));
@@ -271,7 +284,7 @@ async fn a_value_that_is_told_once_is_stale_once_when_it_stays_for_too_long() {
     }
     let repeated = sink.last(0);
     assert_eq!(repeated.quality, Quality::Stale);
-    collector.live(0, &good(77.0, repeated.t - 1.0), &sink);
+    live(&mut collector, 0, &good(77.0, repeated.t - 1.0), &sink);
     assert!(sink.last(0).value == 77.0 && sink.last(0).quality.is_good() && forward(&sink.of(0)));
     // While nobody is there, nobody knows.
     let before = sink.of(0).len();

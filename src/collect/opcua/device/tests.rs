@@ -111,11 +111,12 @@ proptest! {
         for value in &values {
             let (before, at) = (health.snapshot(), sink.0.lock().unwrap().len());
             let newest = collector.tags[0].series.last();
-            collector.live(0, value, &sink);
+            let meaning = collector.plan.tags[0].meaning.clone();
+            let received = Received::of(value, &meaning);
+            collector.live(0, &received, &sink);
             let after = health.snapshot();
             let samples = sink.0.lock().unwrap();
-            let source = value::time(value, super::super::TimeFallback::None, f64::NAN);
-            let raw = value::reading(value, &collector.plan.tags[0].meaning);
+            let (source, raw) = (received.source, received.reading(&meaning));
             prop_assert!(samples.len() <= at + 1);
             if let Some(sample) = samples.get(at) {
                 prop_assert!(sample.t.is_finite());
@@ -148,7 +149,8 @@ proptest! {
                 source_timestamp: Some(date_time(*t)),
                 ..DataValue::null()
             };
-            collector.live(0, &value, &sink);
+            let received = Received::of(&value, &collector.plan.tags[0].meaning);
+            collector.live(0, &received, &sink);
         }
         let samples = sink.0.lock().unwrap();
         prop_assert!(samples.iter().all(|s| s.t == s.value && s.quality.is_good()));
