@@ -25,6 +25,9 @@ pub fn host_and_port(address: &str) -> Result<(String, u16), &'static str> {
     if address.contains("://") {
         return Err("leave out the scheme, up to ://");
     }
+    if is_placeholder(address) && !address.contains('@') {
+        return Err("variables are not filled in: write the host itself");
+    }
     if address.contains(char::is_whitespace) {
         return Err("there is a blank in it");
     }
@@ -56,6 +59,25 @@ pub fn host_and_port(address: &str) -> Result<(String, u16), &'static str> {
             Ok((known.to_string(), port))
         }
         None => host_fault(host).map_or_else(|| Ok((host.to_string(), port)), Err),
+    }
+}
+
+/// Whether a text stands for another one, which a program or a person fills in: `%PLC%`, `$PLC`, `<PLC-IP>`, `{{ plc }}`.
+fn is_placeholder(text: &str) -> bool {
+    let within =
+        |open: char, close: char| text.split_once(open).is_some_and(|(_, behind)| behind.contains(close));
+    text.contains('$') || within('%', '%') || within('<', '>') || within('{', '}')
+}
+
+/// An address as those of one machine and port have it, however they are written: in small letters, and `localhost` for this machine.
+pub fn canonical(address: &str) -> String {
+    let small = address.to_ascii_lowercase();
+    match host_and_port(&small) {
+        Ok((host, port)) => match host.strip_suffix('.').unwrap_or(&host) {
+            "127.0.0.1" | "::1" => format!("localhost:{port}"),
+            host => format!("{host}:{port}"),
+        },
+        Err(_) => small,
     }
 }
 
@@ -111,6 +133,20 @@ mod tests {
     }
 
     #[test]
+    fn one_machine_and_port_have_one_address() {
+        for (address, own) in [
+            ("127.0.0.1:1883", "localhost:1883"),
+            ("[::1]:1883", "localhost:1883"),
+            ("LocalHost:1883", "localhost:1883"),
+            ("Broker.plant.:1883", "broker.plant:1883"),
+            ("10.0.0.5:1883", "10.0.0.5:1883"),
+            ("No address", "no address"),
+        ] {
+            assert_eq!(canonical(address), own, "{address}");
+        }
+    }
+
+    #[test]
     fn addresses_are_taken_apart_or_refused_with_the_reason() {
         for (address, host, port) in [
             ("10.0.0.5:502", "10.0.0.5", 502),
@@ -139,6 +175,12 @@ mod tests {
             ("::ffff:10.0.0.5:502", "brackets"),
             ("10.0.0.5:502,10.0.0.6:502", "one address"),
             ("plc?:502", "sign"),
+            ("%PLC%:502", "variables are not filled in"),
+            ("$PLC:502", "variables are not filled in"),
+            ("<PLC-IP>:502", "variables are not filled in"),
+            ("{{ plc }}:502", "variables are not filled in"),
+            ("plc%1:502", "sign"),
+            ("u:$p@plc:502", "log-in"),
             ("plc..plant:502", "no host"),
             ("0.0.0.0:502", "no machine"),
             (":502", "missing"),

@@ -9,6 +9,8 @@ mod bombs;
 mod bombs_xls;
 #[path = "exports/bombs_xlsb.rs"]
 mod bombs_xlsb;
+#[path = "exports/cells.rs"]
+mod cells;
 #[path = "exports/clocks.rs"]
 mod clocks;
 #[path = "exports/columns.rs"]
@@ -29,6 +31,8 @@ mod loops;
 mod lost;
 #[path = "exports/makers.rs"]
 mod makers;
+#[path = "exports/mixed.rs"]
+mod mixed;
 #[path = "exports/modes.rs"]
 mod modes;
 #[path = "exports/packed.rs"]
@@ -41,12 +45,16 @@ mod plants;
 mod quality;
 #[path = "exports/random.rs"]
 mod random;
+#[path = "exports/random_mixed.rs"]
+mod random_mixed;
 #[path = "exports/shared.rs"]
 mod shared;
 #[path = "exports/stated.rs"]
 mod stated;
 #[path = "exports/told.rs"]
 mod told;
+#[path = "exports/twice.rs"]
+mod twice;
 #[path = "exports/unlisted.rs"]
 mod unlisted;
 #[path = "exports/workbooks.rs"]

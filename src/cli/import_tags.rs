@@ -36,15 +36,15 @@ const OTHER_WORDS: [(&str, &[&str]); 9] = [
     ("tag", &["tagname", "tag_name", "name", "point", "point_name"]),
     ("loop", &["loop_id", "loop_name"]),
     ("node", &["nodeid", "node_id", "opc_node", "opc_node_id"]),
-    ("type", &["datatype", "data_type"]),
+    ("type", &["datatype", "data_type", "typ", "datentyp"]),
     ("byte_order", &["byteorder", "endianness"]),
-    ("unit", &["units", "eu", "uom", "engineering_unit", "engineering_units"]),
+    ("unit", &["units", "eu", "uom", "engineering_unit", "engineering_units", "einheit"]),
     ("device", &["plc", "server"]),
     ("register", &["register_type", "function"]),
-    ("address", &["register_address", "modbus_address"]),
+    ("address", &["register_address", "modbus_address", "adresse"]),
 ];
 /// Columns for readers: the configuration has no such keys.
-const FOR_PEOPLE: [&str; 16] = [
+const FOR_PEOPLE: [&str; 20] = [
     "description",
     "desc",
     "comment",
@@ -61,6 +61,10 @@ const FOR_PEOPLE: [&str; 16] = [
     "nr",
     "#",
     "p&id",
+    "beschreibung",
+    "kommentar",
+    "bemerkung",
+    "bemerkungen",
 ];
 
 /// Keys that say where a tag is, which is what a role's column of a list by loops may hold.
@@ -392,6 +396,10 @@ mod tests {
         let keys =
             |tag: &Tag| tag.keys.iter().map(|(key, value)| format!("{key}={value}")).collect::<Vec<_>>();
         assert_eq!(keys(&found[1]), ["device=\"dcs\"", "type=\"f32\"", "address=3"]);
+        let german = "Tag;Beschreibung;Register;Adresse;Typ\nFIC101.OP;Ventil;holding;101;f32\n";
+        let german = tags(german, Some("dcs"), None).unwrap();
+        let expected = ["device=\"dcs\"", "register=\"holding\"", "type=\"f32\"", "address=101"];
+        assert_eq!(keys(&german[0]), expected);
         // What a server's own list says of types is nothing for the configuration.
         let nodes = "Tag Name,NodeId,Data Type\nFIC101.OP,i=7,Float\n";
         assert_eq!(keys(&tags(nodes, Some("opc"), None).unwrap()[0]), ["device=\"opc\"", "node=\"i=7\""]);

@@ -86,6 +86,7 @@ impl TableArgs {
             good_values: own.good_values,
             sheet: own.sheet,
             of_loop: of_loop.map(str::to_string),
+            of_all: Vec::new(),
         }
     }
 

@@ -56,8 +56,19 @@ pub fn span_of_unit(unit: &str) -> Option<f64> {
         unit if unit.starts_with('%') => Some(100.0),
         "ma" => Some(16.0),
         "a" => Some(0.016),
-        _ => None,
+        other => span_of_range(other),
     }
+}
+
+/// How wide a range is that stands where a unit does: `0-27648`, `0...100`.
+fn span_of_range(unit: &str) -> Option<f64> {
+    // A sign at the beginning is that of the lower end.
+    let behind = unit.get(1..)?;
+    let signs = ["...", "..", "…", "–", " to ", "-"];
+    let (at, sign) = signs.into_iter().find_map(|sign| Some((behind.find(sign)? + 1, sign)))?;
+    let number = |text: &str| text.trim().parse::<f64>().ok().filter(|value| value.is_finite());
+    let (low, high) = (number(unit.get(..at)?)?, number(unit.get(at + sign.len()..)?)?);
+    (high > low).then_some(high - low)
 }
 
 /// Units of an output that say what it is and not how far it goes.
@@ -303,6 +314,21 @@ mod tests {
         assert_eq!(of(None, None, None, &[0.50, 0.52]), (Some(1.0), SpanSource::Values));
         assert_eq!(of(None, None, None, &[0.0121, 0.0123]), (Some(0.016), SpanSource::Values));
         assert_eq!(of(None, None, None, &[50.0, 52.0]), (Some(100.0), SpanSource::Values));
+        for (range, span) in [
+            ("0-27648", 27_648.0),
+            ("0...32767", 32_767.0),
+            ("0..1", 1.0),
+            ("-100 to 100", 200.0),
+            ("-5-105", 110.0),
+            ("0.2 – 1.0", 0.8),
+        ] {
+            let (found, source) = of(None, None, Some(range), &[]);
+            assert!(found.is_some_and(|own| (own - span).abs() < 1e-12), "{range}: {found:?}");
+            assert_eq!(source, SpanSource::Unit, "{range}");
+        }
+        for none in ["5", "2-1", "m3/h", "0-", "-", "", "kg-m", "1-2-3"] {
+            assert_eq!(of(None, None, Some(none), &[]).0, None, "{none}");
+        }
         for unknown in [&[12.0, 12.3][..], &[13_000.0], &[-1.0, 1.0], &[]] {
             assert_eq!(of(None, None, None, unknown), (None, SpanSource::Unknown), "{unknown:?}");
         }

@@ -169,7 +169,10 @@ impl Channel {
             Cell::Number(value) => Some(*value).filter(|value| value.is_finite()),
             Cell::Text(text) => measured(text).and_then(|number| {
                 let value = number.value(Decimal::Point).or_else(|| number.value(Decimal::Comma))?;
-                self.evidence.add(&number, line, &self.tag.name, text);
+                match self.column {
+                    0 => self.evidence.add_of_tag(&number, line, &self.tag.name, text),
+                    _ => self.evidence.add(&number, line, &self.tag.name, text),
+                }
                 self.unit(number.unit, line);
                 Some(value)
             }),

@@ -11,21 +11,21 @@ use super::number::{Decimal, Form, Number};
 pub struct Place {
     /// Its line.
     pub line: u64,
-    /// The name of its column.
-    pub column: String,
+    /// The name of its column, or of its tag.
+    pub name: String,
+    /// Whether it is a tag's, in a table with a row for each sample.
+    pub of_tag: bool,
     /// What stands there.
     pub cell: String,
 }
 
-impl Place {
-    fn new(line: u64, column: &str, cell: &str) -> Self {
-        Self { line, column: column.to_string(), cell: shown(cell) }
-    }
-}
-
 impl std::fmt::Display for Place {
     fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(out, "line {}, column {}: {:?}", self.line, self.column, self.cell)
+        let Self { line, name, of_tag, cell } = self;
+        match of_tag {
+            true => write!(out, "line {line}, tag {name:?}: {cell:?}"),
+            false => write!(out, "line {line}, column {name}: {cell:?}"),
+        }
     }
 }
 
@@ -49,9 +49,17 @@ fn at(decimal: Decimal) -> usize {
 }
 
 impl Evidence {
-    /// One more cell.
+    /// One more cell of a column.
     pub fn add(&mut self, number: &Number<'_>, line: u64, column: &str, cell: &str) {
-        let place = || Place::new(line, column, cell);
+        self.count(number, || Place { line, name: column.to_string(), of_tag: false, cell: shown(cell) });
+    }
+
+    /// One more cell of a tag, in a table with a row for each sample.
+    pub fn add_of_tag(&mut self, number: &Number<'_>, line: u64, tag: &str, cell: &str) {
+        self.count(number, || Place { line, name: tag.to_string(), of_tag: true, cell: shown(cell) });
+    }
+
+    fn count(&mut self, number: &Number<'_>, place: impl Fn() -> Place) {
         let proved = match number.form {
             // `1E+30`: an exponent is no sign of whole numbers.
             Form::Plain if number.has_exponent() => return,
@@ -94,20 +102,43 @@ impl Evidence {
         self.thousands += other.thousands;
     }
 
-    /// Refuses a column in which some cells have a point before three digits and others a comma, `51.227` and `51,227`: by the
-    /// one sign the others are a thousand times too large. A column with thousands has cells with both, `1,051.227`.
+    /// Refuses a column in which some cells have a point before three digits and others a comma, `51.227` and `51,227` or `51,23`: by
+    /// the one sign the others are a thousand times too large. A column with thousands has cells with both, `1,051.227`.
     ///
     /// # Errors
     /// One cell of each.
     pub fn one_sign(&self) -> Result<(), TableError> {
-        let [Some(point), Some(comma)] = &self.either_at else { return Ok(()) };
         if self.thousands > 0 {
             return Ok(());
         }
+        let with = |sign: Decimal| self.proved_at[at(sign)].as_ref().or(self.either_at[at(sign)].as_ref());
+        // Cells before three digits of the one sign, and any of the other.
+        let mixed = [Decimal::Point, Decimal::Comma].into_iter().find_map(|sign| {
+            let may_group = self.either_at[at(sign)].as_ref()?;
+            Some((sign, may_group, with(sign.other())?))
+        });
+        let Some((sign, may_group, other)) = mixed else { return Ok(()) };
+        let (own, another) = if sign == Decimal::Point { ("point", "comma") } else { ("comma", "point") };
         Err(TableError::refused(format!(
-            "{point} has a point before three digits, and {comma} a comma: two ways to write numbers in one column; say which \
-             sign is decimal with --decimal, or make them one"
+            "{may_group} has a {own} before three digits, and {other} a {another}: two ways to write numbers in one column, or \
+             thousands; say which sign is decimal with --decimal, or make them one"
         )))
+    }
+
+    /// Refuses a decimal sign that an option tells where most of the column's numbers have the other one.
+    ///
+    /// # Errors
+    /// The first of them.
+    pub fn allows(&self, told: Decimal, numbers: u64) -> Result<(), TableError> {
+        let other = at(told.other());
+        match &self.proved_at[other] {
+            Some(place) if self.proves[other] * 2 > numbers => Err(TableError::refused(format!(
+                "{place} is no number with a {}, which --decimal tells; say --decimal {}",
+                told.name(),
+                char::from(told.other().sign())
+            ))),
+            _ => Ok(()),
+        }
     }
 
     /// What it proves by itself.
@@ -194,7 +225,7 @@ pub fn decide(
         let mixed = columns.iter().any(|column| column.any() && !column.uniform(sign));
         // A tab or a bar says nothing of the sign, and counts of a converter have thousands in every column: `14,325`.
         let is_open = sign == Decimal::Comma && matches!(separator, Some(b'\t' | b'|'));
-        let is_share = |place: &Place| [&place.column, &place.cell].iter().any(|text| text.contains('%'));
+        let is_share = |place: &Place| [&place.name, &place.cell].iter().any(|text| text.contains('%'));
         let may_count = is_open
             && columns.iter().all(|column| column.uniform(sign))
             && op.is_some_and(|op| !op.either_at[at(sign)].as_ref().is_some_and(is_share));
@@ -203,7 +234,8 @@ pub fn decide(
         }
     }
     let [point, comma] = all.either_at;
-    let place = comma.or(point).unwrap_or_else(|| Place::new(0, "", ""));
+    // There is one, as some cells have a sign.
+    let Some(place) = comma.or(point) else { return Ok(Decimal::Point) };
     let read = |decimal: Decimal| {
         super::number::scan(&place.cell).and_then(|number| number.value(decimal)).unwrap_or(f64::NAN)
     };
@@ -248,6 +280,51 @@ mod tests {
         );
         let (op, pv) = (["14,325"; 10], ["51.23", "51.38"]);
         assert!(decided(&op, &pv).is_err_and(|said| said.contains("every cell of OP")));
+    }
+
+    #[test]
+    fn a_few_cells_with_the_other_sign_are_no_thousands() {
+        for (cells, told) in [
+            (&["51,23", "51.227", "51,38"][..], "\"51.227\" has a point before three digits, and line 2"),
+            (&["51.23", "51,227"], "\"51,227\" has a comma before three digits, and line 2"),
+            (&["51.227", "51,227"], "\"51.227\" has a point before three digits, and line 3"),
+            (&["51.227", "51.228", "51,2"], "\"51.227\" has a point before three digits, and line 4"),
+        ] {
+            let said = of(cells).one_sign().expect_err("two ways to write").to_string();
+            assert!(said.contains(told) && said.contains("--decimal"), "{cells:?}: {said}");
+        }
+        for cells in [
+            &["1.234,5", "1.281", "999,5"][..],
+            &["1,234.5", "1,281", "51.2"],
+            &["1.234.567", "1.281", "51,2"],
+            &["51,23", "51,227", "52"],
+            &["51.227", "51.228"],
+        ] {
+            assert!(of(cells).one_sign().is_ok(), "{cells:?}");
+        }
+    }
+
+    #[test]
+    fn a_sign_that_is_told_is_that_of_most_numbers() {
+        let column = of(&["51,23", "51,3", "52", "51.227"]);
+        assert!(column.allows(Decimal::Comma, 4).is_ok() && column.allows(Decimal::Point, 4).is_ok());
+        let said =
+            of(&["51,23", "51,3"]).allows(Decimal::Point, 2).expect_err("none is a number").to_string();
+        assert_eq!(
+            said,
+            "line 2, column pv: \"51,23\" is no number with a decimal point, which --decimal tells; say --decimal ,"
+        );
+    }
+
+    #[test]
+    fn a_cell_of_a_tag_is_told_by_its_tag() {
+        let mut tag = Evidence::default();
+        tag.add_of_tag(&scan("51.812").expect("a number"), 2, "1", "51.812");
+        let said = decide(&[&tag], None, &Evidence::default(), Some(b',')).expect_err("a doubt").to_string();
+        assert_eq!(
+            said,
+            "line 2, tag \"1\": \"51.812\" may be 51812 or 51.812; say --decimal . or --decimal ,"
+        );
     }
 
     #[test]

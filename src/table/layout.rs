@@ -2,7 +2,7 @@
 
 use super::error::TableError;
 use super::header_zone::HeaderZone;
-use super::names::{Name, as_unit};
+use super::names::{Meaning, Name, as_unit};
 use super::options::Options;
 use super::pairs::{self, PairRows, Pairs};
 use super::qualities::{owners, speaks};
@@ -15,7 +15,7 @@ use super::vocabulary::TAGS;
 use super::why_none::{along_a_row, blocks, none};
 
 /// Most columns of a table.
-const MAX_COLUMNS: usize = 1 << 12;
+pub const MAX_COLUMNS: usize = 1 << 12;
 /// Lines above the header: a title, who exported it, and when.
 pub const PREAMBLE: usize = 200;
 /// Rows between the header and the first sample: units, descriptions, limits.
@@ -192,6 +192,8 @@ pub fn look(rows: &[SeenRow], options: &Options, row_name: &str) -> Looked {
                 true => (1..=row.len()).map(|number| Name::new(&format!("column {number}"))).collect(),
                 false => named(row, &rows[at + 1..]),
             };
+            let of_times = |name: &Name| name.said().is_some_and(|said| said.meaning == Meaning::Time);
+            let names_times = names.iter().any(of_times);
             let below = &rows[at + usize::from(!bare)..];
             if !bare && goes_on(row, below) {
                 continue;
@@ -215,8 +217,10 @@ pub fn look(rows: &[SeenRow], options: &Options, row_name: &str) -> Looked {
                     (header(names, below, options).or_else(again), known)
                 }
             };
-            if best.is_none_or(|(most, _)| known > most) {
-                best = Some((known, at));
+            // A sample is no header, though its tag is known.
+            let of_names = if !bare && holds_samples(row) && !names_times { 0 } else { known };
+            if best.is_none_or(|(most, _)| of_names > most) {
+                best = Some((of_names, at));
             }
             match found {
                 // A sample is no header, though columns may be told by their numbers.
@@ -353,8 +357,12 @@ fn header(names: Vec<Name>, below: &[SeenRow], options: &Options) -> Result<Layo
     Ok(layout)
 }
 
-pub const VALUES: [&str; 10] = [
+/// Columns that hold the values of a long table.
+pub const VALUES: [&str; 13] = [
     "value",
+    "samplevalue",
+    "sample value",
+    "valeur",
     "valuey",
     "val",
     "wert",

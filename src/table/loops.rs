@@ -112,6 +112,15 @@ pub fn of_many(channels: &mut [Channel], options: &Options) -> Result<(), TableE
         }
     }
     let groups = grouped(channels, &names, options)?;
+    let is_told =
+        |name: &Name| ROLES.iter().any(|role| options.column(role.as_str()).is_some_and(|own| name.is(own)));
+    let of_no_loop = |(channel, name): &(&Channel, &Name)| channel.control_loop.is_none() && is_told(name);
+    if let Some((channel, _)) = channels.iter().zip(&names).find(of_no_loop) {
+        return Err(TableError::refused(format!(
+            "{:?} names no loop; say which with --loop",
+            channel.tag.name
+        )));
+    }
     for group in &groups {
         roles_of(group, channels, &names, options)?;
         if options.mode.is_none() {

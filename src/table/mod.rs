@@ -9,11 +9,12 @@
 //! | `source`, `kinds`, `text` | what kind of file, which encoding |
 //! | `dialect`, `blanks`, `layout`, `why_none`, `time_columns`, `pairs`, `names`, `roles` | what divides cells, where the header is, which column is what |
 //! | `evidence`, `number` | the decimal sign, thousands, units behind numbers |
-//! | `time`, `stamp`, `calendar`, `header_format`, `header_zone`, `stated_zone` | how times are written, and in which zone |
+//! | `time`, `stamp`, `calendar`, `header_format`, `header_zone`, `stated_zone`, `dotted_clock` | how times are written, and in which zone |
 //! | `loops` | which loop each tag is of, and what it is to it, where every tag is taken |
 //! | `words`, `by_words`, `rests`, `qualities`, `quality_names`, `joined`, `says` | which modes are automatic, which qualities good |
-//! | `owner` | which rows are the loop's |
-//! | `take` | samples, and which rows are left out |
+//! | `owner`, `mixed` | which rows are the loop's |
+//! | `look`, `overlap` | what is looked at before samples are made: days on which the clock is changed, times that are recorded twice |
+//! | `take`, `odd_rows`, `titles` | samples, which rows are left out, and where another table begins |
 
 mod blanks;
 mod by_words;
@@ -21,19 +22,24 @@ mod calendar;
 mod channel;
 mod delimited;
 mod dialect;
+mod dotted_clock;
 mod error;
 mod evidence;
+mod expansion;
 mod found;
 mod header_format;
 mod header_zone;
 mod joined;
 mod kinds;
 mod layout;
+mod look;
 mod loops;
+mod mixed;
 pub mod names;
 pub mod number;
 mod odd_rows;
 mod options;
+mod overlap;
 mod owner;
 mod pairs;
 mod parquet;
@@ -51,6 +57,7 @@ mod take;
 mod text;
 mod time;
 mod time_columns;
+mod titles;
 mod two_rows;
 mod vocabulary;
 mod why_none;

@@ -44,6 +44,9 @@ const GASES: [&str; 7] = ["ppm", "ppmv", "ppb", "mg/m3", "mg/nm3", "vol%", "vol.
 /// What may stand as a unit behind a name of times.
 const ZONES: [&str; 5] = ["utc", "gmt", "local", "-", ""];
 
+/// Zones that may stand before a name of times.
+const BEFORE: [&str; 3] = ["utc", "gmt", "local"];
+
 /// A name of a column or a tag, taken apart.
 #[derive(Clone, Debug)]
 pub struct Name {
@@ -55,6 +58,8 @@ pub struct Name {
     pub(super) unit: Option<String>,
     /// What it says, once somebody has asked: many ask, and each name takes long.
     said: OnceLock<Option<Said>>,
+    /// Once asked, what a quality column may call it.
+    pub(super) called: OnceLock<Vec<String>>,
 }
 
 /// What a name says, and how plainly.
@@ -78,7 +83,13 @@ impl Name {
         let (bare, unit) = split_unit(bare);
         // What stands in brackets may say what it is: `Flow (PV)`.
         let unit = unit.filter(|unit| labelled(unit).is_none());
-        Self { plain: plain(bare), unit: unit.map(str::to_string), full, said: OnceLock::new() }
+        Self {
+            plain: plain(bare),
+            unit: unit.map(str::to_string),
+            full,
+            said: OnceLock::new(),
+            called: OnceLock::new(),
+        }
     }
 
     /// Whether somebody who writes `wanted` means this column; its unit may be left out.
@@ -456,6 +467,13 @@ fn split_unit(name: &str) -> (&str, Option<&str>) {
         if is_unit(unit) && !is_least && !may_be_loop || is_zone && is_time() {
             return (before, Some(unit));
         }
+    }
+    // `UTC time`: the zone may stand before the name.
+    if let Some((zone, times)) = name.split_once([' ', '_'])
+        && BEFORE.contains(&zone.to_lowercase().as_str())
+        && whole(&plain(times)) == Some(Meaning::Time)
+    {
+        return (times.trim(), Some(zone));
     }
     // `t/min`, as DIN 1313 labels an axis.
     if let Some((before, unit)) = name.rsplit_once('/')

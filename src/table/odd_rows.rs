@@ -6,15 +6,61 @@ use super::layout::{Body, Layout};
 use super::names::{Name, as_unit, controller};
 use super::number;
 use super::source::{Cell, Rows};
+use super::stamp;
 use super::time;
 use crate::signal::Role;
 
 /// A comment, or the header once more.
 pub fn passed_over(rows: &dyn Rows, layout: &Layout) -> bool {
+    is_header_again(rows, layout) || rows.cell(0).is_comment() || is_ruler(rows)
+}
+
+/// Whether the name of the times stands where a time should be.
+pub fn is_header_again(rows: &dyn Rows, layout: &Layout) -> bool {
     let header = layout.names[layout.time].full.as_str();
     let again =
         matches!(rows.cell(layout.time), Cell::Text(text) if text.trim().trim_matches('"').trim() == header);
-    again && !header.is_empty() || rows.cell(0).is_comment() || is_ruler(rows)
+    again && !header.is_empty()
+}
+
+/// Words that stand in the place of a value in a row of totals or averages.
+const TOTALS: [&str; 22] = [
+    "total",
+    "totals",
+    "grand total",
+    "subtotal",
+    "sum",
+    "average",
+    "mean",
+    "avg",
+    "summe",
+    "gesamt",
+    "gesamtsumme",
+    "zwischensumme",
+    "mittelwert",
+    "durchschnitt",
+    "somme",
+    "moyenne",
+    "totale",
+    "media",
+    "promedio",
+    "suma",
+    "итого",
+    "среднее",
+];
+
+/// Whether a row has the word of a total or an average where others have OP or PV: the numbers beside it are none of its time.
+pub fn is_total(rows: &dyn Rows, layout: &Layout) -> bool {
+    let Body::Wide(wide) = &layout.body else { return false };
+    let is_word = |text: &str| {
+        let own = text.trim().trim_end_matches(':');
+        own.starts_with(char::is_alphabetic) && TOTALS.contains(&own.to_lowercase().as_str())
+    };
+    let mut columns = wide.columns.iter().zip(&wide.roles);
+    columns.any(|(at, role)| {
+        let is_value = matches!(role, Some(Role::Op | Role::Pv));
+        is_value && matches!(rows.cell(*at), Cell::Text(text) if is_word(text))
+    })
 }
 
 /// Refuses the header once more with its columns in another order: two tables in one file.
@@ -35,7 +81,7 @@ pub fn same_header(rows: &dyn Rows, layout: &Layout, line: u64) -> Result<(), Ta
 /// Whether a cell of times may be none: it is blank, or begins with a letter.
 pub fn begins_with_a_word(cell: &Cell<'_>) -> bool {
     match cell {
-        Cell::Text(text) => !text.trim_start().starts_with(|c: char| c.is_ascii_digit()),
+        Cell::Text(text) => !stamp::unmarked(text).trim_start().starts_with(|c: char| c.is_ascii_digit()),
         other => other.is_blank(),
     }
 }

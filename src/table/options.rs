@@ -50,6 +50,9 @@ pub struct Options {
     /// The loop, where a table has several.
     #[serde(skip)]
     pub of_loop: Option<String>,
+    /// Names of those that are told of tables of all kinds: what a table says of itself comes before them.
+    #[serde(skip)]
+    pub of_all: Vec<&'static str>,
 }
 
 /// `[tables]`: files of samples that the API may be asked to read.
@@ -123,6 +126,8 @@ impl Unit {
 
 /// The options, understood.
 pub struct Told {
+    /// See [`Options::of_all`].
+    of_all: Vec<&'static str>,
     pub encoding: Option<&'static encoding_rs::Encoding>,
     pub decimal: Option<Decimal>,
     pub separator: Option<u8>,
@@ -133,7 +138,15 @@ pub struct Told {
     pub good_values: Option<Vec<String>>,
 }
 
+impl Told {
+    /// Whether an option of this name is told of tables of all kinds.
+    pub fn is_default(&self, name: &str) -> bool {
+        self.of_all.contains(&name)
+    }
+}
+
 /// The time zone of stamps without an offset.
+#[derive(Clone)]
 pub struct Zone {
     /// As it was told; `None` for UTC by default.
     pub name: Option<String>,
@@ -166,8 +179,21 @@ impl Options {
         .as_deref()
     }
 
+    /// The same, told of tables of all kinds.
+    pub fn of_all_tables(&self) -> Self {
+        let all = [
+            ("tz", &self.tz),
+            ("time_unit", &self.time_unit),
+            ("time_format", &self.time_format),
+            ("sheet", &self.sheet),
+        ];
+        let of_all = all.into_iter().filter(|(_, own)| own.is_some()).map(|(name, _)| name).collect();
+        Self { of_all, ..self.clone() }
+    }
+
     /// Sets one by its name, as the API has it; `false` for a name that none has.
     pub fn set(&mut self, name: &str, value: String) -> bool {
+        self.of_all.retain(|own| *own != name);
         let place = match name {
             "time" => &mut self.time,
             "op" => &mut self.op,
@@ -219,6 +245,7 @@ impl Options {
             Some(own.filter(|one| !one.is_empty()).collect::<Vec<_>>())
         };
         Ok(Told {
+            of_all: self.of_all.clone(),
             encoding: self.encoding().map_err(refused)?,
             decimal: self.decimal().map_err(refused)?,
             separator: self.separator().map_err(refused)?,

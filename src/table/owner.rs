@@ -33,11 +33,15 @@ pub struct Owner {
 }
 
 impl Owner {
-    /// `None` where no column names loops.
+    /// `None` where no column names loops by its own name.
     pub fn of(layout: &Layout, options: &Options) -> Option<Self> {
         let Body::Wide(wide) = &layout.body else { return None };
-        let at = wide.owner?;
-        Some(Self {
+        wide.owner.map(|at| Self::named(layout, at, options))
+    }
+
+    /// That of a column which names loops.
+    pub fn named(layout: &Layout, at: usize, options: &Options) -> Self {
+        Self {
             at,
             time: layout.time,
             name: layout.names[at].full.clone(),
@@ -51,7 +55,7 @@ impl Owner {
             before: String::new(),
             shared: false,
             rows: [0; 3],
-        })
+        }
     }
 
     /// Before the first row is read again.

@@ -1,8 +1,9 @@
 //! Rows of a Parquet file, whatever wrote it: numbers of every width, decimals, text, dates and stamps of every unit.
 
 use super::error::TableError;
+use super::expansion::expansion_limit;
 use super::source::{Cell, Rows, Source, TimeBase};
-use super::stamp::DAY;
+use super::stamp::{DAY, MICROSECOND, MILLISECOND};
 use parquet::basic::{LogicalType, TimeUnit, Type as PhysicalType};
 use parquet::errors::ParquetError;
 use parquet::file::metadata::ParquetMetaData;
@@ -21,12 +22,10 @@ impl From<ParquetError> for TableError {
     }
 }
 
-/// Rows that any file may have, and rows for each of its bytes.
-const FEW_ROWS: u64 = 1_000_000;
-const ROWS_A_BYTE: u64 = 4;
-/// Bytes that a column of a row group may always unpack to, and how many times the bytes of the file.
-const FEW_BYTES: u64 = 16_000_000;
-const TIMES: u64 = 64;
+/// Smallest limit of rows: so many cost little, even where all of them are the same and take no bytes.
+const MIN_ROW_LIMIT: u64 = 1_000_000;
+/// Rows for each byte of a larger file: measurements have fewer, as they take a byte or more for a row.
+const ROWS_PER_FILE_BYTE: u64 = 4;
 
 /// How the stamps of a column are kept.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -77,7 +76,7 @@ impl Table {
         let file = File::open(path)?;
         let bytes = file.metadata()?.len();
         let reader = SerializedFileReader::new(file)?;
-        let left_out = measured(reader.metadata(), bytes)?;
+        let left_out = oversized_texts(reader.metadata(), bytes)?;
         let schema = reader.metadata().file_metadata().schema_descr_ptr();
         let read = |field: &&Arc<Type>| !left_out.contains(field.name());
         let fields: Vec<Arc<Type>> = schema.root_schema().get_fields().iter().filter(read).cloned().collect();
@@ -97,28 +96,31 @@ fn unless_it_panics<T>(read: impl FnOnce() -> Result<T, TableError>) -> Result<T
         .unwrap_or_else(|_| Err(TableError::refused("Parquet: the file is damaged, and cannot be read")))
 }
 
-/// Looks at what a file would unpack to before anything of it is unpacked. A file of measurements has a byte or more for a
-/// row, and text that is far larger than its file is no tag's: such a column is left out, as if it were not there.
-fn measured(file: &ParquetMetaData, bytes: u64) -> Result<BTreeSet<String>, TableError> {
+/// Looks at what a file would unpack to before anything of it is unpacked. Text that is far larger than its file is no tag's: the names
+/// of such columns are returned, and they are left out as if they were not there.
+///
+/// # Errors
+/// Too many rows, or another column that is far larger than the file.
+fn oversized_texts(file: &ParquetMetaData, bytes: u64) -> Result<BTreeSet<String>, TableError> {
     let rows: u64 = file.row_groups().iter().map(|group| group.num_rows().max(0) as u64).sum();
-    if rows > FEW_ROWS.max(bytes.saturating_mul(ROWS_A_BYTE)) {
+    if rows > MIN_ROW_LIMIT.max(bytes.saturating_mul(ROWS_PER_FILE_BYTE)) {
         let why = format!(
             "Parquet: {rows} rows in {bytes} bytes: more than measurements take; write a shorter file"
         );
         return Err(TableError::refused(why));
     }
-    let most = FEW_BYTES.max(bytes.saturating_mul(TIMES));
+    let limit = expansion_limit(bytes);
     let mut left_out = BTreeSet::new();
     for column in file.row_groups().iter().flat_map(|group| group.columns()) {
         let size = column.uncompressed_size().max(0) as u64;
         let name = column.column_path().parts().first().cloned().unwrap_or_default();
-        if size > most
+        if size > limit
             && matches!(column.column_type(), PhysicalType::BYTE_ARRAY | PhysicalType::FIXED_LEN_BYTE_ARRAY)
         {
             left_out.insert(name);
-        } else if size > most {
+        } else if size > limit {
             let why = format!(
-                "Parquet: the column {name:?} unpacks to {size} bytes, from {bytes}: {most} are taken"
+                "Parquet: the column {name:?} unpacks to {size} bytes, from {bytes}: {limit} are taken"
             );
             return Err(TableError::refused(why));
         }
@@ -183,10 +185,10 @@ fn cell(field: &Field, stamps: Stamps) -> Cell<'_> {
         Field::Date(days) => i64::from(*days)
             .checked_mul(DAY)
             .map_or(Cell::Blank, |ns| Cell::Moment { ns, base: TimeBase::Civil }),
-        Field::TimeMillis(ms) => Cell::Clock(i64::from(*ms) * 1_000_000),
-        Field::TimeMicros(us) => us.checked_mul(1_000).map_or(Cell::Blank, Cell::Clock),
-        Field::TimestampMillis(ms) => moment(*ms, 1_000_000),
-        Field::TimestampMicros(us) => moment(*us, 1_000),
+        Field::TimeMillis(ms) => Cell::Clock(i64::from(*ms) * MILLISECOND),
+        Field::TimeMicros(us) => us.checked_mul(MICROSECOND).map_or(Cell::Blank, Cell::Clock),
+        Field::TimestampMillis(ms) => moment(*ms, MILLISECOND),
+        Field::TimestampMicros(us) => moment(*us, MICROSECOND),
         // A structure or a list is no sample.
         Field::Group(_) | Field::ListInternal(_) | Field::MapInternal(_) => Cell::Blank,
     }

@@ -153,7 +153,8 @@ struct Other {
 }
 
 /// Whether a column may say if values are good, and nobody can know it: most rows have a word such as `OK` and some one such as
-/// `FAIL`, or it has the short name of a quality and words that are no names of anything. Of another device it says nothing here.
+/// `FAIL`, or it has the short name of a quality and words or numbers that are no names of anything. Of another device it says nothing
+/// here.
 fn may_speak(other: &Other, name: &Name, rows: u64, loop_name: &str) -> bool {
     let numbers = |text: &str| -> Vec<String> {
         text.split(|c: char| !c.is_ascii_digit())
@@ -166,12 +167,14 @@ fn may_speak(other: &Other, name: &Name, rows: u64, loop_name: &str) -> bool {
     // `Q [m3/h]` is a flow.
     let short = SHORT_QUALITIES.contains(&name.plain()) && name.unit.is_none();
     let marks = short || name.is_none() && other.words.are_marks();
+    let states = short && other.words.counts.len() > 1 && other.words.are_states();
     // `Pump status` says whose it is.
     let of_something = name.quality_of().is_some_and(|of| !of.is_empty());
     !of_another
         && !of_something
         && (other.words.may_speak_of_quality() && other.words.rows() * 2 > rows
-            || marks && other.words.tell_rows_apart(rows))
+            || marks && other.words.tell_rows_apart(rows)
+            || states)
 }
 
 /// Whether a column holds a state that may be that of a value of the loop, and nobody knows which of its numbers are good: `PV_STS`.
@@ -252,6 +255,14 @@ impl Others {
             .iter()
             .filter_map(|other| other.times.as_ref())
             .filter(|times| times.other_times * 2 > times.cells)
+    }
+
+    /// The places of those without a name that hold digits alone in most of so many rows.
+    pub fn nameless_digits(&self, rows: u64) -> impl Iterator<Item = usize> {
+        let nameless = self.columns.iter().filter_map(|other| Some((other.at, other.times.as_ref()?)));
+        let are_digits =
+            move |own: &Channel| own.numbers * 2 > rows && own.numbers == own.cells && !own.evidence.any();
+        nameless.filter(move |(_, own)| are_digits(own)).map(|(at, _)| at)
     }
 
     /// Those that speak of quality by what stands in them, or by words that `--good-values` tells.

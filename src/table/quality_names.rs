@@ -115,13 +115,24 @@ impl Name {
 
     /// Whether a quality column of this name (see [`Self::quality_of`]) belongs to it.
     pub fn owns_quality(&self, of: &str) -> bool {
-        let value = || {
-            VALUES.iter().any(|value| self.plain().strip_suffix(value).is_some_and(|p| p.trim_end() == of))
-        };
-        let short = || MEANINGS.contains(&of) && self.said().is_some_and(|said| said.meaning.as_str() == of);
+        self.called.get_or_init(|| self.names_of_value()).iter().any(|own| own == of)
+    }
+
+    /// What a quality column may call it: `fic101 pv`, `fic101` and `pv` for `FIC101.PV`.
+    fn names_of_value(&self) -> Vec<String> {
+        let own = self.plain();
+        let shortened =
+            VALUES.iter().filter_map(|value| Some(own.strip_suffix(value)?.trim_end().to_string()));
+        let mut all: Vec<String> = shortened.collect();
+        all.push(own.to_string());
+        all.extend(
+            self.said()
+                .map(|said| said.meaning.as_str().to_string())
+                .filter(|of| MEANINGS.contains(&of.as_str())),
+        );
         // The letter of `FIC101.PV C` may be its unit, which its quality has not.
-        let lettered = || self.lettered().is_some_and(|(name, _)| name.owns_quality(of));
-        self.plain() == of || value() || short() || lettered()
+        all.extend(self.lettered().into_iter().flat_map(|(name, _)| name.names_of_value()));
+        all
     }
 }
 

@@ -4,10 +4,17 @@
 mod left;
 
 use left::{Left, Piece, minutes, pieces};
+use std::borrow::Cow;
 
-/// Nanoseconds of a second, of a day.
+/// Nanoseconds of a microsecond.
+pub const MICROSECOND: i64 = 1_000;
+/// Nanoseconds of a millisecond.
+pub const MILLISECOND: i64 = 1_000_000;
+/// Nanoseconds of a second.
 pub const SECOND: i64 = 1_000_000_000;
+/// Nanoseconds of an hour.
 pub const HOUR: i64 = 3600 * SECOND;
+/// Nanoseconds of a day.
 pub const DAY: i64 = 86_400 * SECOND;
 
 /// In which order a date of three numbers is written.
@@ -126,13 +133,30 @@ impl Stamp {
         matches!(self.date, Some(Date::Dotted(_)))
     }
 
+    /// What it is where only a time of day can stand: `06.00.02` is one, and written as a date is.
+    pub fn as_clock(&self) -> Stamp {
+        match (self.date, self.clock) {
+            (Some(Date::Dotted([hour @ 0..24, minute @ 0..60, second @ 0..60])), None) => {
+                let clock = (hour * 3600 + minute * 60 + second) * SECOND;
+                Stamp { date: None, clock: Some(clock), ..*self }
+            }
+            _ => *self,
+        }
+    }
+
+    /// Whether it is no date with the month in the middle, as between points: `06.00.02` has none.
+    pub fn is_no_date(&self) -> bool {
+        [Order::Dmy, Order::Ymd].into_iter().all(|order| self.day(order).is_none())
+    }
+
     /// The date of this cell with the time of day of another.
     pub fn at(&self, clock: &Stamp) -> Option<Stamp> {
+        let clock = clock.as_clock();
         let of_a_day = clock.clock.is_some_and(|clock| clock <= DAY);
         if self.clock.is_some_and(|clock| clock != 0) || clock.date.is_some() || !of_a_day {
             return None;
         }
-        Some(Stamp { date: self.date, ..*clock })
+        Some(Stamp { date: self.date, ..clock })
     }
 
     /// The date of this cell with a time of day (ns since midnight).
@@ -142,9 +166,23 @@ impl Stamp {
     }
 }
 
+/// Whether a character only says in which direction a text runs: Windows writes such among the parts of its dates.
+fn is_mark(c: char) -> bool {
+    matches!(c, '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+}
+
+/// A text without the marks of direction in it.
+pub fn unmarked(text: &str) -> Cow<'_, str> {
+    if text.is_ascii() || !text.contains(is_mark) {
+        return Cow::Borrowed(text);
+    }
+    Cow::Owned(text.replace(is_mark, ""))
+}
+
 /// The cell as a date, a time of day, or both.
 pub fn scan(cell: &str) -> Option<Stamp> {
-    let cell = super::number::bare(cell);
+    let cell = unmarked(cell);
+    let cell = super::number::bare(&cell);
     // `+02:00[Europe/Berlin]`, `GMT+0200 (CEST)`: the offset says it already.
     let named = cell.strip_suffix(']').and_then(|cell| cell.rsplit_once('['));
     if let Some((before, _)) = named.or_else(|| cell.strip_suffix(')')?.rsplit_once(" (")) {

@@ -100,7 +100,8 @@ pub struct ZoneColumn {
 impl ZoneColumn {
     /// Nothing is looked at where somebody told the zone.
     pub fn of(layout: &Layout, told: &Told) -> Self {
-        let at = if told.zone.name.is_some() { None } else { column(layout) };
+        let is_told = told.zone.name.is_some() && !told.is_default("tz");
+        let at = if is_told { None } else { column(layout) };
         Self { at, first: None }
     }
 

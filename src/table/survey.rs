@@ -1,18 +1,22 @@
 //! The first reading of a table: everything is counted, then what the table means is decided.
 
+mod checks;
+
 use super::blanks::Blanks;
 use super::by_words;
 use super::channel::{Channel, Tag};
 use super::dialect::dialect;
-use super::error::{TableError, listed};
+use super::error::TableError;
 use super::evidence;
 use super::joined::{self, Joined};
 use super::layout::{Body, Layout, Long, Wide};
 use super::loops;
+use super::mixed::Mixed;
 use super::names::{Meaning, Name};
 use super::number::Decimal;
 use super::odd_rows::{
-    another_table, begins_with_a_word, not_even, passed_over, same_header, title, too_many, too_wide,
+    another_table, begins_with_a_word, is_total, not_even, passed_over, same_header, title, too_many,
+    too_wide,
 };
 use super::options::{Options, Told};
 use super::owner::Owner;
@@ -24,7 +28,8 @@ use super::source::{Kind, Rows, Source};
 use super::stated_zone::ZoneColumn;
 use super::time::{self, Groups, Reading, Times};
 use super::time_columns::one_of_loop;
-use super::words::{Modes, Moving, Words, two_state, word};
+use super::titles::Titles;
+use super::words::{Modes, Words, two_state, word};
 use crate::signal::Role;
 use std::collections::HashMap;
 
@@ -33,6 +38,8 @@ const MAX_TAGS: usize = 1 << 16;
 
 /// What a table is and means: all that the second reading needs.
 pub struct Plan {
+    /// How a row is called.
+    pub row_name: &'static str,
     pub kind: Kind,
     pub separator: u8,
     pub layout: Layout,
@@ -75,6 +82,13 @@ pub fn survey(source: Source<'_>, options: &Options, whole: bool) -> Result<Plan
             rows = layout.rows(kind.rows(source, separator)?)?;
             counting.all(rows.as_mut(), &layout, &told, blanks)?;
         }
+        counting.owner.as_ref().map_or(Ok(()), Owner::decided)?;
+        if let Some(owner) = counting.mixed.owner(&layout, options)? {
+            counting = Counting { owner: Some(owner), ..Counting::new(&layout, options) };
+            rows = layout.rows(kind.rows(source, separator)?)?;
+            counting.all(rows.as_mut(), &layout, &told, blanks)?;
+            counting.mixed.refuse(&layout)?;
+        }
         rows.row_name()
     };
     counting.plan(kind, separator, layout, options, &told, row_name, whole)
@@ -95,6 +109,8 @@ struct Counting {
     moving: Vec<(usize, String)>,
     /// Which rows are the loop's.
     owner: Option<Owner>,
+    /// Columns that may tell loops apart, whatever they are called.
+    mixed: Mixed,
     /// Rows of a long table that cannot all be samples.
     repeats: Repeats,
     mode_name: Option<String>,
@@ -123,6 +139,7 @@ impl Counting {
             rests: Rests::default(),
             unused: Vec::new(),
             owner: Owner::of(layout, options),
+            mixed: Mixed::default(),
         };
         match &layout.body {
             Body::Wide(wide) => own.wide(wide, layout),
@@ -133,6 +150,7 @@ impl Counting {
         }
         own.words = vec![Words::default(); own.quality_columns.len()];
         own.others = Others::of(layout, &own.quality_columns);
+        own.mixed = Mixed::of(layout, &own.quality_columns);
         own
     }
 
@@ -160,26 +178,31 @@ impl Counting {
         told: &Told,
         blanks: Option<Blanks>,
     ) -> Result<(), TableError> {
-        let mut titled = None;
+        let (mut titled, mut titles) = (None, Titles::default());
         for _ in 0..layout.skip {
             rows.next()?;
             titled = title(rows).or(titled);
+            titles.above(rows);
         }
         let time_name = layout.names[layout.time].full.as_str();
         let mut zones = ZoneColumn::of(layout, told);
         while let Some(line) = rows.next()? {
             if passed_over(rows, layout) {
                 same_header(rows, layout, line)?;
+                titles.pass(rows, layout);
                 continue;
             }
-            if self.owner.as_mut().is_some_and(|owner| !owner.takes(rows)) {
+            if self.owner.as_mut().is_some_and(|owner| !owner.takes(rows)) || is_total(rows, layout) {
                 continue;
             }
             zones.add(rows, layout, line)?;
             let first = rows.cell(layout.time);
             if begins_with_a_word(&first) && another_table(rows, layout, line, titled.as_deref())? {
+                titles.add(rows, layout, line)?;
                 continue;
             }
+            titles.sample();
+            self.mixed.add(rows, layout);
             let second = layout.clock.map(|at| rows.cell(at));
             let tag = match &layout.body {
                 Body::Wide(_) => 0,
@@ -239,7 +262,7 @@ impl Counting {
                 }
             }
         }
-        Ok(())
+        titles.decide()
     }
 
     /// The channel of a row of a long table.
@@ -271,10 +294,9 @@ impl Counting {
         layout: Layout,
         options: &Options,
         told: &Told,
-        row_name: &str,
+        row_name: &'static str,
         whole: bool,
     ) -> Result<Plan, TableError> {
-        self.owner.as_ref().map_or(Ok(()), Owner::decided)?;
         if self.times.rows == 0 {
             return Err(TableError::refused(format!(
                 "{row_name} {}: no samples below the header",
@@ -305,17 +327,24 @@ impl Counting {
             true => Vec::new(),
             false => joined::find(&mut self.channels, told.good_values.as_deref(), !whole)?,
         };
+        if separator == b',' && matches!(kind, Kind::Text(_)) {
+            self.divided_by_commas(&layout)?;
+        }
         let columns: Vec<&evidence::Evidence> =
             self.channels.iter().filter(|c| c.numbers * 2 > c.cells).map(|c| &c.evidence).collect();
         // Of the outputs of several loops one with signs shows what they mean.
         let ops = self.channels.iter().filter(|c| c.role == Some(Role::Op));
         let op = ops.max_by_key(|c| c.evidence.any());
         let decimal = match told.decimal {
-            Some(decimal) => decimal,
+            Some(decimal) => {
+                let mut of_loop = self.channels.iter().filter(|c| c.role.is_some());
+                of_loop.try_for_each(|channel| channel.evidence.allows(decimal, channel.numbers))?;
+                decimal
+            }
             None if own => Decimal::Point,
             None => {
-                let mut of_loop = self.channels.iter().filter(|c| c.role.is_some());
-                of_loop.try_for_each(|channel| channel.evidence.one_sign())?;
+                let mut used = self.channels.iter().filter(|c| c.role.is_some() || c.numbers * 2 > c.cells);
+                used.try_for_each(|channel| channel.evidence.one_sign())?;
                 let sign = matches!(kind, Kind::Text(_)).then_some(separator);
                 evidence::decide(&columns, op.map(|c| &c.evidence), &self.times.evidence, sign)?
             }
@@ -328,6 +357,9 @@ impl Counting {
         let groups = matches!(layout.body, Body::Wide(_)).then(|| std::mem::take(&mut self.groups));
         let mut reading = self.times.decide(&column, told, decimal, groups)?;
         reading.by_tag |= layout.pairs.is_some();
+        if options.sheet.is_some() && !matches!(kind, Kind::Sheet(_)) && !told.is_default("sheet") {
+            reading.said += &time::changes_nothing(["sheet"].into_iter());
+        }
         if matches!(&kind, Kind::Sheet(sheet) if sheet.since_1904) && reading.counts_days() {
             return Err(TableError::refused(format!(
                 "column {} ({name}): numbers of days in a workbook that counts them from 1904, as Excel for the Macintosh did; give \
@@ -353,26 +385,7 @@ impl Counting {
             self.quality_columns.push(column);
             self.words.push(words);
         }
-        let heard = |good: &[String]| {
-            let mut words = joined.iter().filter_map(|own| self.channels[own.by].quality.as_ref());
-            words.any(|words| words.may_hold(good))
-        };
-        let unheard = told.good_values.as_deref().is_some_and(|good| !heard(good));
-        if whole && unheard && self.quality_columns.is_empty() {
-            return Err(unused("good-values", "quality, such as \"pv_status\" or \"Quality\""));
-        }
-        if let Some(good) = told.good_values.as_deref().filter(|_| whole)
-            && let Some((words, (at, _))) = self.words.iter().zip(&self.quality_columns).next()
-            && !self.words.iter().any(|words| words.may_hold(good))
-        {
-            return Err(TableError::refused(format!(
-                "--good-values: none of {} is there; column {} ({}) holds {}",
-                listed(good.iter().map(String::as_str)),
-                at + 1,
-                layout.names[*at].full,
-                words.listed()
-            )));
-        }
+        self.unused_options(&layout, &joined, told, whole)?;
         let modes = self.modes(told)?;
         let qualities = self.qualities(&layout, told)?;
         let Self { channels, tags, owner, unused, .. } = self;
@@ -380,6 +393,7 @@ impl Counting {
         let unused = unused.into_iter().filter(|(at, holds)| *holds && !own && !says(*at)).map(|(at, _)| at);
         let unused = unused.collect();
         Ok(Plan {
+            row_name,
             kind,
             separator,
             layout,
@@ -397,110 +411,4 @@ impl Counting {
             unused,
         })
     }
-
-    /// What has texts alone, such as `----` or `No Data`, is no set point and no position of a valve: nothing was recorded. OP and PV
-    /// of a table of one loop are needed, and so is what an option names.
-    fn without_data(&mut self, options: &Options, of_one: bool) {
-        for channel in self.channels.iter_mut().filter(|channel| channel.is_text()) {
-            let Some(role) = channel.role.filter(|role| *role != Role::Mode) else { continue };
-            let needed = of_one && matches!(role, Role::Op | Role::Pv);
-            if !needed && options.column(role.as_str()).is_none() {
-                channel.role = None;
-            }
-        }
-    }
-
-    /// A role without a single number is refused.
-    fn numbers(&self, channel: &Channel, header: u64, row_name: &str) -> Result<(), TableError> {
-        let needed = matches!(channel.role, Some(Role::Op | Role::Pv));
-        let text_only = channel.numbers == 0 && channel.cells > 0 && channel.words.is_none();
-        let nothing = needed && channel.cells == 0;
-        if !(text_only || nothing) {
-            return Ok(());
-        }
-        let at = match channel.column {
-            0 => format!("tag {:?}", channel.tag.name),
-            column => format!("column {column} ({})", channel.tag.name),
-        };
-        Err(TableError::refused(match &channel.first_bad {
-            Some((line, cell)) => {
-                let why = channel.why_no_number();
-                format!(
-                    "{row_name} {line}, {at}: no number in the whole column, it begins with {cell:?}{why}"
-                )
-            }
-            None => format!("{row_name} {header}, {at}: nothing in the whole column"),
-        }))
-    }
-
-    /// How each column of quality says it.
-    ///
-    /// # Errors
-    /// One that nobody knows to read, unless OPC's numbers stand beside it.
-    fn qualities(
-        &self,
-        layout: &Layout,
-        told: &Told,
-    ) -> Result<Vec<(usize, Option<usize>, Says)>, TableError> {
-        let good = told.good_values.as_deref();
-        let columns = || self.words.iter().zip(&self.quality_columns);
-        let has_detail = |of: Option<usize>| {
-            columns().any(|(words, (at, own))| {
-                let name = &layout.names[*at];
-                *own == of && name.is_detail() && matches!(Says::decide(words, good, &name.full), Ok(Some(_)))
-            })
-        };
-        // One list of good values is meant for one of two numberings.
-        let meant = |words: &Words| good.is_none_or(|good| words.any_of(good));
-        // A flag beside the column that the list is for says by itself what it means.
-        let of_column = |words: &Words, name: &str| {
-            let by_itself = || matches!(Says::decide(words, None, name), Ok(Some(_)));
-            good.filter(|_| meant(words) || !by_itself())
-        };
-        let other_is_meant = |of: Option<usize>, at: usize| {
-            columns().any(|(words, (other, own))| *own == of && *other != at && meant(words))
-        };
-        let any_detail = self.quality_columns.iter().any(|(at, _)| layout.names[*at].is_detail());
-        let mut out = Vec::new();
-        for (words, (at, of)) in columns() {
-            if any_detail && !meant(words) && other_is_meant(*of, *at) {
-                continue;
-            }
-            let name = &layout.names[*at].full;
-            match Says::decide(words, of_column(words, name), name) {
-                Ok(says) => out.extend(says.map(|says| (*at, *of, says))),
-                Err(_) if has_detail(*of) => {}
-                Err(error) => {
-                    // A column of a long table is no tag, so that it can be no mode.
-                    let is_wide = matches!(layout.body, Body::Wide(_));
-                    let of_mode = by_words::under_quality(words, name).filter(|_| is_wide);
-                    return Err(of_mode.unwrap_or(error));
-                }
-            }
-        }
-        Ok(out)
-    }
-
-    fn modes(&self, told: &Told) -> Result<Vec<Option<Modes>>, TableError> {
-        let ops = self.channels.iter().filter(|c| c.role == Some(Role::Op));
-        let ops: HashMap<Option<&str>, &Channel> = ops.map(|c| (c.control_loop.as_deref(), c)).collect();
-        let of = |channel: &Channel| match (&channel.words, channel.role) {
-            (Some(words), Some(Role::Mode)) => {
-                let op = ops.get(&channel.control_loop.as_deref()).copied();
-                let moving = Moving {
-                    at_all: op.is_some_and(Channel::moves),
-                    in_zero: op.is_some_and(Channel::moves_in_zero),
-                    in_one: op.is_some_and(Channel::moves_in_one),
-                };
-                Modes::decide(words, told.auto_values.as_deref(), moving, &channel.tag.name).map(Some)
-            }
-            _ => Ok(None),
-        };
-        self.channels.iter().map(of).collect()
-    }
-}
-
-/// An option that has nothing to decide: what it means is not read.
-fn unused(option: &str, column: &str) -> TableError {
-    TableError::refused(format!("--{option}: no column says anything of {column}: call it so"))
 }

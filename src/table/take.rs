@@ -5,7 +5,8 @@ use super::error::{TableError, listed};
 use super::found::Found;
 use super::joined::Joined;
 use super::layout::Body;
-use super::odd_rows::passed_over;
+use super::look::look;
+use super::odd_rows::{is_total, passed_over};
 use super::options::Options;
 use super::owner::Owner;
 use super::roles::ROLES;
@@ -21,8 +22,10 @@ use std::collections::HashMap;
 pub fn record(source: Source<'_>, plan: Plan) -> Result<Table, TableError> {
     let mut series: Vec<Series> = plan.channels.iter().map(|_| Series::new()).collect();
     let mut values = 0;
+    let wanted: Vec<bool> =
+        plan.channels.iter().map(|own| matches!(own.role, Some(Role::Op | Role::Pv))).collect();
     // The plan holds the sheets of a workbook. It is dropped here, so that they do not stay in memory beside the series.
-    let (Plan { channels, .. }, mut found) = all(source, plan, &mut |at, sample| {
+    let (Plan { channels, .. }, mut found) = all(source, plan, &wanted, &mut |at, sample| {
         series[at].push(sample);
         values += 1;
         if values > MAX_VALUES {
@@ -112,8 +115,11 @@ pub fn stream<E: From<TableError>>(
     take: &mut dyn FnMut(&Tag, Sample) -> Result<(), E>,
 ) -> Result<Found, E> {
     let tags = owned(&plan, options)?;
+    // A store knows an era from the one before by more than the time.
+    let is_ours = plan.layout.is_ours();
+    let wanted: Vec<bool> = tags.iter().map(|tag| tag.is_some() && !is_ours).collect();
     let mut failed = None;
-    let walked = all(source, plan, &mut |at, sample| {
+    let walked = all(source, plan, &wanted, &mut |at, sample| {
         let Some(tag) = &tags[at] else { return Ok(()) };
         take(tag, sample).map_err(|error| {
             failed = Some(error);
@@ -188,7 +194,14 @@ const LINES: usize = 3;
 
 type Take<'t> = &'t mut dyn FnMut(usize, Sample) -> Result<(), TableError>;
 
-fn all(source: Source<'_>, mut plan: Plan, take: Take<'_>) -> Result<(Plan, Found), TableError> {
+/// Takes every sample. The times of channels that are `wanted` must not be recorded twice.
+fn all(
+    source: Source<'_>,
+    mut plan: Plan,
+    wanted: &[bool],
+    take: Take<'_>,
+) -> Result<(Plan, Found), TableError> {
+    look(source, &mut plan, wanted)?;
     if !plan.joined.is_empty() {
         join(source, &mut plan)?;
     }
@@ -208,13 +221,14 @@ fn all(source: Source<'_>, mut plan: Plan, take: Take<'_>) -> Result<(Plan, Foun
 }
 
 /// The time of a row (s), and the tag that it is a sample of, where each row is one of one tag.
-type At = (f64, Option<usize>);
+pub type At = (f64, Option<usize>);
 
 /// What is done with a row, its line in the file and [`At`], which is `None` where the row has no time.
-type Each<'e> = &'e mut dyn FnMut(&dyn Rows, &Plan, u64, Option<At>) -> Result<(), TableError>;
+pub type Each<'e> = &'e mut dyn FnMut(&dyn Rows, &Plan, u64, Option<At>) -> Result<(), TableError>;
 
 /// Every row of the loop, one after the other.
-fn walk(source: Source<'_>, plan: &mut Plan, each: Each<'_>) -> Result<(), TableError> {
+pub fn walk(source: Source<'_>, plan: &mut Plan, each: Each<'_>) -> Result<(), TableError> {
+    plan.reading.rewind();
     plan.owner.iter_mut().for_each(Owner::begin);
     let mut rows = plan.layout.rows(plan.kind.rows(source, plan.separator)?)?;
     for _ in 0..plan.layout.skip {
@@ -225,6 +239,10 @@ fn walk(source: Source<'_>, plan: &mut Plan, each: Each<'_>) -> Result<(), Table
         if passed_over(rows.as_ref(), &plan.layout) || plan.owner.as_mut().is_some_and(other) {
             continue;
         }
+        if is_total(rows.as_ref(), &plan.layout) {
+            each(rows.as_ref(), plan, line, None)?;
+            continue;
+        }
         let first = rows.cell(plan.layout.time);
         let second = plan.layout.clock.map(|at| rows.cell(at));
         let part = |at: usize| time_columns::part(&rows.cell(at).shown(), &plan.layout.names[at]);
@@ -233,7 +251,7 @@ fn walk(source: Source<'_>, plan: &mut Plan, each: Each<'_>) -> Result<(), Table
             Body::Wide(_) => None,
             Body::Long(long) => plan.tags.get(&Tag::of_row(rows.as_ref(), long)).copied(),
         };
-        let read = plan.reading.next(&first, second.as_ref(), tag.unwrap_or(0));
+        let read = plan.reading.next(&first, second.as_ref(), (tag.unwrap_or(0), line));
         let at = read.zip(part).map(|(t, part)| (t + part, tag));
         each(rows.as_ref(), plan, line, at)?;
     }
@@ -243,7 +261,6 @@ fn walk(source: Source<'_>, plan: &mut Plan, each: Each<'_>) -> Result<(), Table
 /// Reads the tags that say whether others are good.
 fn join(source: Source<'_>, plan: &mut Plan) -> Result<(), TableError> {
     let mut joined = std::mem::take(&mut plan.joined);
-    let reading = plan.reading.clone();
     let place: HashMap<usize, usize> = joined.iter().enumerate().map(|(at, own)| (own.by, at)).collect();
     let mut values = 0;
     walk(source, plan, &mut |rows, plan, _, at| {
@@ -259,7 +276,7 @@ fn join(source: Source<'_>, plan: &mut Plan) -> Result<(), TableError> {
         Ok(())
     })?;
     joined.iter_mut().for_each(Joined::sort);
-    (plan.joined, plan.reading) = (joined, reading);
+    plan.joined = joined;
     Ok(())
 }
 

@@ -1,6 +1,7 @@
 //! Which column holds the times: one, or a date and the time of day beside it, or whole seconds and parts of a second.
 
 use super::channel::Channel;
+use super::dotted_clock::are_dotted_clocks;
 use super::error::{TableError, shown};
 use super::layout::{Layout, Seen, SeenRow, known};
 use super::names::{Meaning, Name};
@@ -61,9 +62,11 @@ enum Holds {
 /// What the first cells of a column hold; `None` where they are no times.
 fn cells(below: &[SeenRow], at: usize) -> Option<Holds> {
     let (mut held, mut times, mut others) = (None, 0, 0);
+    let are_clocks = are_dotted_clocks(below, at);
     for cell in below.iter().take(FIRST).filter_map(|(_, row)| row.get(at)) {
         let own = match cell.kind {
             WhatKind::Clock => Holds::Clock,
+            WhatKind::Dated if are_clocks => Holds::Clock,
             WhatKind::Dated if stamp::scan(&cell.text).is_some_and(|own| own.is_date_only()) => Holds::Date,
             WhatKind::Dated => Holds::Moment,
             WhatKind::Number => Holds::Number,
@@ -103,9 +106,14 @@ fn column(names: &[Name], below: &[SeenRow], options: &Options) -> Result<(usize
     }
     let is_time = |name: &Name| name.said().is_some_and(|said| said.meaning == Meaning::Time);
     let mut found: Vec<usize> = (0..names.len()).filter(|at| is_time(&names[*at])).collect();
-    // LabVIEW's name of a time is one of anything beside a better one.
-    if found.len() > 1 {
-        found.retain(|at| names[*at].plain() != "x value");
+    // LabVIEW's name of a time is one of anything beside a better one; local times and those at which something began are less exact
+    // than others beside them.
+    let is_weak = |at: &usize| {
+        let is_local = names[*at].unit.as_deref().is_some_and(|unit| unit.eq_ignore_ascii_case("local"));
+        is_local || ["x value", "start time", "starttime"].contains(&names[*at].plain())
+    };
+    if found.iter().any(|at| !is_weak(at) && !names[*at].is_date()) {
+        found.retain(|at| !is_weak(at));
     }
     match found.as_slice() {
         // pandas calls an index without a name so.

@@ -14,9 +14,19 @@ const R_ROWS: usize = 3;
 /// Rows in which a column without a name has to hold something.
 const HOLD: usize = 20;
 
-/// The names of a header. R and pandas have no name for the first column, which numbers the rows or has their times.
+/// The names of a header. R and pandas have no name for the first column, which numbers the rows or has their times. `#` with a blank
+/// behind it is a mark of the whole line, as numpy writes it: `# t op pv`.
 pub fn named(header: &[Seen], below: &[SeenRow]) -> Vec<Name> {
     let first = &below[..below.len().min(R_ROWS)];
+    let is_shorter = |(_, cells): &SeenRow| cells.len() + 1 == header.len();
+    let header = match header {
+        [mark, names @ ..]
+            if mark.text.trim() == "#" && !first.is_empty() && first.iter().all(is_shorter) =>
+        {
+            names
+        }
+        all => all,
+    };
     let longer = first.len() == R_ROWS && first.iter().all(|(_, cells)| cells.len() == header.len() + 1);
     let names: Vec<Name> = header.iter().map(|cell| Name::new(&cell.text)).collect();
     let is_time = |name: &Name| name.said().is_some_and(|said| said.meaning == Meaning::Time);

@@ -19,6 +19,9 @@ pub const TIME: &[&str] = &[
     "sourcetimestamp",
     "source timestamp",
     "sample time",
+    "sampletime",
+    "start time",
+    "starttime",
     "event time",
     "index level 0",
     "timestring",
@@ -107,6 +110,7 @@ pub const OP: &[&str] = &[
     "wyjście",
     "výstup",
     "çıkış",
+    "ohjaus",
 ];
 /// The measured value.
 pub const PV: &[&str] = &[
@@ -146,6 +150,7 @@ pub const PV: &[&str] = &[
     "pomiar",
     "měřená hodnota",
     "mittausarvo",
+    "mittaus",
     "ölçüm",
 ];
 /// The set point.
@@ -305,7 +310,7 @@ pub const OF_MANY: [&str; 9] =
     ["min", "max", "minimum", "maximum", "std", "stdev", "stddev", "std dev", "range"];
 
 /// Columns that name the tag of a row.
-pub const TAGS: [&str; 29] = [
+pub const TAGS: [&str; 33] = [
     "measure name",
     "tagindex",
     "tag index",
@@ -335,6 +340,10 @@ pub const TAGS: [&str; 29] = [
     "browsename",
     "path",
     "data item",
+    "node id",
+    "nodeid",
+    "bezeichnung",
+    "nom",
 ];
 
 /// Columns that name the loop of a row.

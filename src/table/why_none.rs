@@ -32,8 +32,18 @@ pub fn none(line: u64, row: &[Seen], numbers_only: bool, options: &Options, row_
         Err(Trouble::Missing(missing)) => missing,
         _ => Vec::new(),
     };
-    let missing = [missing, others].concat().join(", ");
     let found = listed(names.iter().map(|name| name.full.as_str()));
+    if let (Some(own), true) = (&options.of_loop, missing.is_empty() && !others.is_empty()) {
+        let of_any = Options { of_loop: None, ..options.clone() };
+        if !matches!(roles(&names, &of_any, true), Err(Trouble::Missing(_))) {
+            return TableError::refused(format!(
+                "{row_name} {line}: --loop {own:?}: no column {} is of this loop; there are {found}; if they are its own, name them \
+                 with --op and --pv",
+                others.join(" or ")
+            ));
+        }
+    }
+    let missing = [missing, others].concat().join(", ");
     let has = |part: &str| names.iter().any(|name| name.plain() == part);
     if missing.starts_with('t') && has("year") && (has("month") && has("day") || has("doy")) {
         return TableError::refused(format!(
@@ -124,6 +134,13 @@ mod tests {
                 "{said}"
             );
         }
+        let other = Options { of_loop: Some("FIC102".into()), ..Options::default() };
+        let of_another = read(Source::Bytes(b"Time,FIC101.OP,FIC101.PV\n0,1,2\n1,1,3\n"), &other);
+        assert_eq!(
+            of_another.map_or_else(|error| error.to_string(), |table| table.found.read_as),
+            "line 1: --loop \"FIC102\": no column op or pv is of this loop; there are \"Time\", \"FIC101.OP\", \"FIC101.PV\"; if \
+             they are its own, name them with --op and --pv"
+        );
         let along = "Time,2026-06-15 06:00:00,2026-06-15 06:00:02,2026-06-15 06:00:04\nOP,1,2,3\nPV,1,2,3\n";
         let said = said(along);
         assert!(said.contains("times run along a row; transpose the table"), "{said}");

@@ -68,6 +68,11 @@ pub(super) fn as_words(told: &[String]) -> Vec<String> {
 }
 
 impl Words {
+    /// Words that are counted already.
+    pub(super) fn of(counts: Vec<(String, u64)>) -> Self {
+        Self { counts, more: false, last: 0 }
+    }
+
     /// One more cell.
     pub fn add(&mut self, cell: &Cell<'_>) {
         let word = word(cell);

@@ -1,5 +1,6 @@
 //! Sheets of workbooks: Excel (.xlsx, .xlsb, .xls) and OpenDocument (.ods), through calamine.
 
+mod archive;
 mod biff;
 mod content;
 mod fields;
@@ -8,6 +9,7 @@ mod guard;
 mod limits;
 mod ole;
 mod opened;
+mod relations;
 mod shared_texts;
 mod tags;
 mod tokens;
@@ -15,14 +17,14 @@ mod xlsb;
 
 use super::error::{TableError, listed};
 use super::kinds;
-use super::layout::{first_rows, look};
+use super::layout::{self, first_rows, look};
 use super::options::Options;
 use super::source::{Cell, Rows, Source, TimeBase, is_nothing};
-use super::stamp::DAY;
+use super::stamp::{DAY, MILLISECOND};
+use archive::{Archive, Kind, part_names, refuse_other_archive};
 use calamine::{Data, DataRef, ExcelDateTime, Ods, Reader, Sheets, Xls, Xlsb, Xlsx, open_workbook_from_rs};
 use filling::Filling;
-use limits::Weight;
-use opened::{Kind, PART_OF_EXCEL, PART_OF_OPEN_DOCUMENT};
+use limits::MemoryEstimate;
 use std::fmt::Display;
 use std::io::{Cursor, Read};
 use std::panic::catch_unwind;
@@ -30,11 +32,12 @@ use std::sync::Arc;
 
 /// Largest workbook that is read (bytes); it is unpacked in memory.
 const MAX_BYTES: u64 = 1 << 28;
-/// Columns of a sheet that are read.
-const MAX_COLUMNS: u32 = 1 << 12;
-
+/// Columns of a sheet that are read: as many as of any table.
+const MAX_COLUMNS: u32 = layout::MAX_COLUMNS as u32;
 /// Names that a record needs: those of time, OP and PV.
-const NEEDED: usize = 3;
+const NEEDED_NAMES: usize = 3;
+/// Milliseconds of a day; to them a number of days is exact.
+const MS_PER_DAY: f64 = 86_400e3;
 
 /// A cell in memory.
 #[derive(Clone, Debug)]
@@ -79,29 +82,16 @@ pub fn read(source: Source<'_>, wanted: Option<&str>, of_record: bool) -> Result
 
 fn read_bytes(bytes: Vec<u8>, wanted: Option<&str>, of_record: bool) -> Result<Sheet, TableError> {
     let bytes: Arc<[u8]> = bytes.into();
-    let parts = parts(bytes.clone());
-    archive(&parts)?;
+    let mut archive = Archive::new(Cursor::new(bytes.clone())).ok();
+    let parts = archive.as_ref().map(part_names).unwrap_or_default();
+    refuse_other_archive(&parts)?;
     let kind = Kind::of(&parts);
-    let mut weight = guard::look(&bytes, kind)?;
-    let since_1904 = is_since_1904(bytes.clone());
+    let mut memory = guard::check(&bytes, archive.as_mut(), kind)?;
+    let since_1904 = archive.as_mut().is_some_and(is_since_1904);
+    // The library opens the archive for itself; ours is not held beside it.
+    drop(archive);
     let book = open(bytes, kind, !parts.is_empty())?;
-    Ok(Sheet { since_1904, ..choose(book, wanted, of_record, &mut weight)? })
-}
-
-/// The names of the parts of an archive; none if the file is no archive.
-fn parts(bytes: Arc<[u8]>) -> Vec<String> {
-    let Ok(archive) = zip::ZipArchive::new(Cursor::new(bytes)) else { return Vec::new() };
-    archive.file_names().flatten().map(|name| name.into_owned()).collect()
-}
-
-/// Refuses an archive of files that is no workbook, by what is in it.
-fn archive(parts: &[String]) -> Result<(), TableError> {
-    let is_of_workbook = |name: &String| [PART_OF_EXCEL, PART_OF_OPEN_DOCUMENT].contains(&name.as_str());
-    if parts.is_empty() || parts.iter().any(is_of_workbook) {
-        return Ok(());
-    }
-    let names = listed(parts.iter().map(String::as_str));
-    Err(TableError::refused(format!("a ZIP archive, no table: it holds {names}; unpack it first")))
+    Ok(Sheet { since_1904, ..choose(book, wanted, of_record, &mut memory)? })
 }
 
 /// Opens a workbook as the kind that the guard looked at. The library itself would try one kind after the other. `is_archive` says
@@ -134,12 +124,12 @@ fn open(bytes: Arc<[u8]>, kind: Kind, is_archive: bool) -> Result<Book, TableErr
 
 /// Whether an `.xlsx` says that it counts days from 1904. The library heeds it where a cell has the format of a date, and a bare number
 /// of days has none.
-fn is_since_1904(bytes: Arc<[u8]>) -> bool {
+fn is_since_1904(archive: &mut Archive) -> bool {
     /// More than a list of sheets takes (bytes).
-    const MOST: u64 = 1 << 20;
+    const MAX_LIST_BYTES: u64 = 1 << 20;
     let mut text = String::new();
-    let Ok(mut archive) = zip::ZipArchive::new(Cursor::new(bytes)) else { return false };
-    let read = archive.by_name("xl/workbook.xml").map(|file| file.take(MOST).read_to_string(&mut text));
+    let part = archive.by_name("xl/workbook.xml");
+    let read = part.map(|part| part.take(MAX_LIST_BYTES).read_to_string(&mut text));
     read.is_ok() && ["date1904=\"1\"", "date1904=\"true\""].iter().any(|said| text.contains(said))
 }
 
@@ -147,7 +137,7 @@ fn choose(
     mut book: Book,
     wanted: Option<&str>,
     of_record: bool,
-    weight: &mut Weight,
+    memory: &mut MemoryEstimate,
 ) -> Result<Sheet, TableError> {
     let names = book.sheet_names();
     if let Some(wanted) = wanted {
@@ -155,11 +145,11 @@ fn choose(
             let names = listed(names.iter().map(String::as_str));
             TableError::refused(format!("no sheet {wanted:?} (--sheet); the workbook has {names}"))
         })?;
-        return sheet(&mut book, name, names.len() > 1, weight);
+        return sheet(&mut book, name, names.len() > 1, memory);
     }
     let mut filled = Vec::new();
     for name in &names {
-        let sheet = sheet(&mut book, name, names.len() > 1, weight)?;
+        let sheet = sheet(&mut book, name, names.len() > 1, memory)?;
         // A title or a chart's sheet is no table.
         if sheet.rows.iter().filter(|(_, row)| row.len() > 1).count() > 1 {
             filled.push(sheet);
@@ -187,9 +177,14 @@ fn choose(
     }
 }
 
-fn sheet(book: &mut Book, name: &str, one_of_many: bool, weight: &mut Weight) -> Result<Sheet, TableError> {
+fn sheet(
+    book: &mut Book,
+    name: &str,
+    one_of_many: bool,
+    memory: &mut MemoryEstimate,
+) -> Result<Sheet, TableError> {
     let failed = |error: &dyn Display| TableError::refused(format!("sheet {name:?}: {error}"));
-    let mut filling = Filling::new(name, weight);
+    let mut filling = Filling::new(name, memory);
     match book {
         // Cell by cell: the size that a sheet says of itself is not to be believed.
         Sheets::Xlsx(book) => {
@@ -246,10 +241,9 @@ fn text_of(text: &str) -> Held {
     if is_nothing(text) { Held::Blank } else { Held::Text(text.into()) }
 }
 
-/// Milliseconds, which is as far as a number of days is exact, as nanoseconds.
-fn of_day(ms: f64) -> i64 {
-    const MS: i64 = 1_000_000;
-    (ms.round() as i64).saturating_mul(MS)
+/// Whole milliseconds as nanoseconds.
+fn nanoseconds(ms: f64) -> i64 {
+    (ms.round() as i64).saturating_mul(MILLISECOND)
 }
 
 /// A time of day as OpenDocument keeps it, or a time since something began: `PT06H00M02.03S` (ns). One of months or below zero is none.
@@ -259,7 +253,7 @@ fn duration(text: &str) -> Option<i64> {
         let is_plain = digits.bytes().all(|byte| byte.is_ascii_digit() || byte == b'.');
         digits.parse::<f64>().ok().filter(|_| is_plain)
     };
-    let mut ms = if days.is_empty() { 0.0 } else { number(days.strip_suffix('D')?)? * 86_400e3 };
+    let mut ms = if days.is_empty() { 0.0 } else { number(days.strip_suffix('D')?)? * MS_PER_DAY };
     let mut rest = clock;
     for (letter, part) in [('H', 3_600e3), ('M', 60e3), ('S', 1e3)] {
         if let Some((digits, behind)) = rest.split_once(letter) {
@@ -267,7 +261,7 @@ fn duration(text: &str) -> Option<i64> {
             rest = behind;
         }
     }
-    (!clock.is_empty() && rest.is_empty()).then(|| of_day(ms))
+    (!clock.is_empty() && rest.is_empty()).then(|| nanoseconds(ms))
 }
 
 /// A stamp as spreadsheets count, to the millisecond.
@@ -277,13 +271,13 @@ fn moment(stamp: &ExcelDateTime) -> Held {
         return Held::Text("a date before 1900".into());
     }
     if days < 1.0 || stamp.is_duration() {
-        return Held::Clock(of_day(days * 86_400e3));
+        return Held::Clock(nanoseconds(days * MS_PER_DAY));
     }
     let (year, month, day, ..) = stamp.to_ymd_hms_milli();
     let date = jiff::civil::Date::new(year as i16, month as i8, day as i8);
     let since = date.ok().and_then(|date| date.since(jiff::civil::Date::constant(1970, 1, 1)).ok());
     // The date is that of the rounded stamp, which may be the day after.
-    let clock = of_day((days - days.floor()) * 86_400e3) % DAY;
+    let clock = nanoseconds((days - days.floor()) * MS_PER_DAY) % DAY;
     let begin = since.and_then(|since| i64::from(since.get_days()).checked_mul(DAY));
     // A year that no stamp reaches is no date.
     begin.and_then(|begin| begin.checked_add(clock)).map_or(Held::Number(days), Held::Moment)
@@ -294,7 +288,7 @@ impl Sheet {
     fn may_be_record(&self) -> bool {
         let first = first_rows(&mut self.rows()).unwrap_or_default();
         let looked = look(&first, &Options::default(), "row");
-        looked.layout.is_ok() || looked.known >= NEEDED
+        looked.layout.is_ok() || looked.known >= NEEDED_NAMES
     }
 
     pub fn rows(&self) -> SheetRows<'_> {

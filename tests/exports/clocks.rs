@@ -2,6 +2,7 @@
 
 use super::doubts::{read, rows};
 use super::dress::BEGIN;
+use super::twice::imported;
 use super::{bits, example};
 use stictiond::table::{Options, Table};
 
@@ -78,4 +79,109 @@ fn studio_5000_writes_milliseconds_behind_a_semicolon() {
     let told = Options { time_format: Some("mdy".into()), ..Options::default() };
     let table = read("Date,Time,OP,PV", &rows(&example, ',', shown), &told).expect("read");
     assert!(bits(&table.record) == bits(&example) && off(&table) < 2e-3, "{}", table.found.read_as);
+}
+
+fn berlin() -> Options {
+    Options { tz: Some("Europe/Berlin".into()), ..Options::default() }
+}
+
+/// The last Sunday of March and of October 2026 at 01:00 UTC, when clocks are changed in Central Europe.
+const SPRING: f64 = 1_774_746_000.0;
+const AUTUMN: f64 = 1_792_890_000.0;
+
+/// The example with its first sample at a time (s since 1970), on the clock of Central Europe, or on its standard time throughout.
+fn central(first: f64, is_changed: bool) -> Vec<String> {
+    slower(1.0, first, is_changed)
+}
+
+/// The same, so many times as slow.
+fn slower(times: f64, first: f64, is_changed: bool) -> Vec<String> {
+    let zone = if is_changed { "Europe/Berlin" } else { "Etc/GMT-1" };
+    let zone = jiff::tz::TimeZone::get(zone).expect("a zone");
+    rows(&example(), ',', |t| {
+        let ms = ((times * (t - BEGIN as f64) + first) * 1e3).round() as i64;
+        let moment = jiff::Timestamp::from_millisecond(ms).expect("a time of ours");
+        zone.to_datetime(moment).strftime("%Y-%m-%d %H:%M:%S%.3f").to_string()
+    })
+}
+
+/// Reads a table on the clock of Central Europe, whose first sample is at a time (s since 1970).
+fn is_at(rows: &[String], first: f64) {
+    let table = read("Time,OP,PV", rows, &berlin()).unwrap_or_else(|said| panic!("{}: {said}", rows[0]));
+    assert!(bits(&table.record) == bits(&example()) && off(&table) < 2e-3, "{}", table.found.read_as);
+    assert!((table.record.op[0].t - first).abs() < 2e-3, "{}", table.found.read_as);
+}
+
+/// Refuses it, in the words that decide, as an import does.
+fn refused(rows: &[String], by: &str) {
+    let said = read("Time,OP,PV", rows, &berlin()).map(|table| table.found.read_as);
+    assert!(said.as_ref().is_err_and(|said| said.contains(by)), "{said:?} has no {by:?}");
+    let text = format!("Time,OP,PV\n{}\n", rows.join("\n"));
+    assert_eq!(imported(&text, &berlin()).err(), said.err());
+}
+
+#[test]
+fn times_that_the_clock_of_the_zone_never_showed_are_refused() {
+    is_at(&central(SPRING - 1200.0, true), SPRING - 1200.0);
+    let by = "02:40:00 does not exist in Europe/Berlin on 2026-03-29; say --tz +01:00 if the clock is never changed";
+    let own = central(SPRING + 2400.0, false);
+    refused(&own, &format!("line 2: {by}"));
+    let told = Options { tz: Some("+01:00".into()), ..Options::default() };
+    let table = read("Time,OP,PV", &own, &told).unwrap_or_else(|said| panic!("{said}"));
+    assert!(off(&table) < 2e-3 && (table.record.op[0].t - SPRING - 2400.0).abs() < 2e-3);
+    // From the time before.
+    let said = read("Time,OP,PV", &central(SPRING - 1200.0, false), &berlin()).err().unwrap_or_default();
+    assert!(said.contains("does not exist in Europe/Berlin") && said.contains("02:00:0"), "{said}");
+    // The zone may stand in the header, too.
+    let said = read("Time (Europe/Berlin),OP,PV", &own, &Options::default()).err().unwrap_or_default();
+    assert!(said.contains(by), "{said}");
+}
+
+#[test]
+fn the_hour_that_comes_twice_is_the_one_that_the_rows_around_it_tell() {
+    // From the time before, from within the first hour and beyond it, and from within the second one to the time behind.
+    for first in [AUTUMN - 4000.0, AUTUMN - 1200.0, AUTUMN + 2400.0] {
+        let own = central(first, true);
+        is_at(&own, first);
+        let turned: Vec<String> = own.iter().rev().cloned().collect();
+        let table = read("Time,OP,PV", &turned, &berlin()).unwrap_or_else(|said| panic!("{first}: {said}"));
+        let last = table.record.op.last().map_or(0.0, |own| own.t);
+        assert!((last - first).abs() < 2e-3, "{first}: {}", table.found.read_as);
+    }
+    // A row that came late within the hour is in no other one.
+    let mut late = central(AUTUMN - 4000.0, true);
+    late.swap(500, 501);
+    let table = read("Time,OP,PV", &late, &berlin()).unwrap_or_else(|said| panic!("{said}"));
+    let straight = read("Time,OP,PV", &central(AUTUMN - 4000.0, true), &berlin()).expect("read");
+    assert_eq!(
+        [table.record.op[500].t, table.record.op[501].t],
+        [501, 500].map(|at| straight.record.op[at].t)
+    );
+    // Within one of the two hours, and nothing beside.
+    refused(
+        &central(AUTUMN + 60.0, true),
+        "line 2: 02:01:00 comes twice in Europe/Berlin on 2026-10-25, and nothing tells which it is; say --tz +02:00 for the first, \
+         or +01:00 for the second",
+    );
+    for (tz, first) in [("+02:00", AUTUMN - 3540.0), ("+01:00", AUTUMN + 60.0)] {
+        let told = Options { tz: Some(tz.into()), ..Options::default() };
+        let table = read("Time,OP,PV", &central(AUTUMN + 60.0, true), &told).expect("told");
+        assert!((table.record.op[0].t - first).abs() < 2e-3, "{tz}: {}", table.found.read_as);
+    }
+    // A clock that is never changed shows the hour once.
+    assert!(read("Time,OP,PV", &slower(3.0, AUTUMN - 5400.0, true), &berlin()).is_ok());
+    refused(
+        &slower(3.0, AUTUMN - 1800.0, false),
+        "is there once; say --tz +01:00 if the clock is never changed",
+    );
+}
+
+#[test]
+fn an_hour_back_in_a_zone_without_a_change_is_told_or_refused() {
+    let told = Options { tz: Some("UTC".into()), ..Options::default() };
+    // The end of the one hour and the beginning of the other have no times in common.
+    let table = read("Time,OP,PV", &central(AUTUMN - 1200.0, true), &told).expect("told");
+    assert!(table.found.read_as.contains("times go back once, by up to 3598 s"), "{}", table.found.read_as);
+    let said = read("Time,OP,PV", &slower(3.0, AUTUMN - 5400.0, true), &told).err().unwrap_or_default();
+    assert!(said.contains("times go back over 1795 s") && said.contains("recorded already"), "{said}");
 }

@@ -3,13 +3,15 @@
 
 use super::dress::{Beside, Date, Extra, Form, Names, dressed, with};
 use super::of_bytes;
+use jiff::tz::{AmbiguousOffset, TimeZone};
 use proptest::prelude::*;
 use proptest::sample::Index;
 use proptest::test_runner::TestRunner;
 use std::cell::Cell;
+use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 use stictiond::signal::{Record, Sample};
-use stictiond::table::Options;
+use stictiond::table::{Options, Source, TableError, Tag, stream};
 
 /// Least share that is read of the inputs in which decimals prove the sign. Nearly all are; some may leave another doubt.
 const READ: f64 = 0.8;
@@ -107,6 +109,146 @@ fn same(read: &Record, written: &Record, beside: &Beside, times: &[f64]) -> Resu
     Ok(())
 }
 
+/// What an import takes of a table, by the names of its tags.
+fn imported(bytes: &[u8], options: &Options) -> Result<BTreeMap<String, Vec<Sample>>, String> {
+    let mut all: BTreeMap<String, Vec<Sample>> = BTreeMap::new();
+    let mut take = |tag: &Tag, sample: Sample| {
+        all.entry(tag.name.clone()).or_default().push(sample);
+        Ok::<(), TableError>(())
+    };
+    stream(Source::Bytes(bytes), options, &mut take).map_err(|error| error.to_string())?;
+    Ok(all)
+}
+
+/// An import takes what a diagnosis reads, and nothing of what that refuses.
+fn same_imported(
+    read: &Result<stictiond::table::Table, String>,
+    imported: &Result<BTreeMap<String, Vec<Sample>>, String>,
+) -> Result<(), TestCaseError> {
+    let (table, tags) = match (read, imported) {
+        (Ok(table), Ok(tags)) => (table, tags),
+        (Err(_), Err(_)) => return Ok(()),
+        (Ok(_), Err(said)) => return Err(TestCaseError::fail(format!("only the import refuses: {said}"))),
+        (Err(said), Ok(_)) => {
+            return Err(TestCaseError::fail(format!("the import takes what is none: {said}")));
+        }
+    };
+    let exact = |series: &[Sample]| -> Vec<(u64, u64, bool)> {
+        series.iter().map(|own| (own.t.to_bits(), own.value.to_bits(), own.quality.is_good())).collect()
+    };
+    let record = &table.record;
+    for (name, series) in [("op", Some(&record.op)), ("pv", Some(&record.pv)), ("sp", record.sp.as_ref())] {
+        let Some(series) = series else { continue };
+        let own = tags.get(name).map(|own| exact(own));
+        prop_assert_eq!(own, Some(exact(series)), "{}: {}", name, table.found.read_as);
+    }
+    Ok(())
+}
+
+/// Zones whose clocks are changed, and moments at which they are set forward and back (s since 1970).
+const ZONES: [(&str, [i64; 2]); 3] = [
+    ("Europe/Berlin", [1_774_746_000, 1_792_890_000]),
+    ("America/New_York", [1_772_953_200, 1_793_512_800]),
+    ("Australia/Lord_Howe", [1_791_041_400, 1_775_314_800]),
+];
+
+/// A time on the written clock, and whether it may be either of two.
+fn on_the_clock(zone: &TimeZone, second: i64) -> (String, bool) {
+    let civil = zone.to_datetime(jiff::Timestamp::from_second(second).expect("a time of ours"));
+    let is_twice = matches!(zone.to_ambiguous_timestamp(civil).offset(), AmbiguousOffset::Fold { .. });
+    (civil.strftime("%Y-%m-%d %H:%M:%S").to_string(), is_twice)
+}
+
+/// A table of rows at these times on the written clock, each with values of its own.
+fn clocked(times: &[String]) -> String {
+    let row = |(at, time): (usize, &String)| format!("{time},{}.5,{}.25\n", 40 + at % 7, 50 + at % 11);
+    format!("Time,OP,PV\n{}", times.iter().enumerate().map(row).collect::<String>())
+}
+
+/// Rows around a moment at which the clock is changed: each is read at its own time, or the table is refused. Where the clock shows
+/// nothing twice, it has to be read.
+#[test]
+fn times_on_days_on_which_the_clock_is_changed_are_read_or_refused() {
+    let inputs = (
+        pick(&ZONES),
+        // Twice forward for each time back, where much may be either.
+        pick(&[0_usize, 0, 1]),
+        pick(&[1_i64, 2, 5, 30, 60, 600, 1800, 3600]),
+        12..90i64,
+        (any::<Index>(), -4000..4000i64),
+        any::<bool>(),
+        prop::option::of(any::<Index>()),
+    );
+    let share = share_read(inputs, |((name, changes), which, step, rows, (place, by), falls, late)| {
+        let zone = TimeZone::get(name).expect("a zone");
+        let first = changes[which] - step * place.index(rows as usize) as i64 + by;
+        let mut meant: Vec<i64> = (0..rows).map(|at| first + step * at).collect();
+        // A row that comes late by one; of rows that are far apart nobody could tell it from one of the other hour.
+        if let Some(at) = late.filter(|_| step <= 60).map(|late| late.index(rows as usize - 3) + 1) {
+            meant.swap(at, at + 1);
+        }
+        if falls {
+            meant.reverse();
+        }
+        let shown: Vec<(String, bool)> = meant.iter().map(|second| on_the_clock(&zone, *second)).collect();
+        let is_twice = shown.iter().any(|(_, is_twice)| *is_twice);
+        let text = clocked(&shown.into_iter().map(|(time, _)| time).collect::<Vec<String>>());
+        let options = Options { tz: Some(name.to_string()), ..Options::default() };
+        let found = of_bytes(text.as_bytes(), &options);
+        let of_loop = Some("FIC101".to_string());
+        same_imported(&found, &imported(text.as_bytes(), &Options { of_loop, ..options }))?;
+        let Ok(table) = found else { return Ok((!is_twice).then_some(false)) };
+        let read: Vec<i64> = table.record.op.iter().map(|own| own.t.round() as i64).collect();
+        prop_assert_eq!(&read, &meant, "{}\n{}", table.found.read_as, text);
+        Ok((!is_twice).then_some(true))
+    });
+    assert!(share >= READ, "{share}");
+}
+
+/// Two records in one file, of which the second begins within the first: refused, unless they have no more than a few rows in common
+/// or say the same. The parts of one record in any order are read.
+#[test]
+fn records_within_each_other_are_refused_and_parts_of_one_are_read() {
+    let inputs = (
+        20..200usize,
+        pick(&[1.0_f64, 2.0, 10.0, 60.0]),
+        any::<Index>(),
+        pick(&[0.0_f64, 0.25, 0.5]),
+        prop::collection::vec(any::<Index>(), 0..5),
+        (prop::bool::weighted(0.7), any::<bool>()),
+    );
+    let share = share_read(inputs, |(rows, step, begin, by, cuts, (is_one, falls))| {
+        let time = |at: f64| super::clocks::civil("%Y-%m-%d %H:%M:%S%.3f", 1_780_293_600.0 + step * at);
+        let row = |at: f64, value: usize| format!("{},{}.5,{}.25", time(at), value % 97, value % 89);
+        let mut all: Vec<String> = (0..rows).map(|at| row(at as f64, at)).collect();
+        let begin = begin.index(rows);
+        if is_one {
+            let mut cuts: Vec<usize> = cuts.iter().map(|cut| cut.index(rows)).collect();
+            cuts.extend([0, rows]);
+            cuts.sort_unstable();
+            let parts: Vec<Vec<String>> =
+                cuts.windows(2).map(|pair| all[pair[0]..pair[1]].to_vec()).rev().collect();
+            all = parts.concat();
+        } else {
+            all.extend((begin..rows + begin).map(|at| row(at as f64 + by, at + 50)));
+        }
+        if falls {
+            all.reverse();
+        }
+        let text = format!("Time,OP,PV\n{}\n", all.join("\n"));
+        let found = of_bytes(text.as_bytes(), &Options::default());
+        let of_loop = Some("FIC101".to_string());
+        same_imported(&found, &imported(text.as_bytes(), &Options { of_loop, ..Options::default() }))?;
+        if !is_one {
+            let in_common = rows - begin;
+            prop_assert!(found.is_err() || in_common < 12, "{} rows in common\n{}", in_common, text);
+            return Ok(None);
+        }
+        Ok(Some(found.is_ok_and(|table| table.record.op.len() == rows)))
+    });
+    assert!(share >= READ, "{share}");
+}
+
 #[test]
 fn what_is_read_is_what_was_written_and_most_is_read() {
     const AROUND: [Extra; 7] = [
@@ -126,8 +268,12 @@ fn what_is_read_is_what_was_written_and_most_is_read() {
         let beside = beside(drawn, record.op.len());
         let (bytes, times) = with(&record, &form, &beside);
         let counts = has_proof(&record);
+        let found = of_bytes(&bytes, &Options::default());
+        // Names with a tag say their loop themselves.
+        let of_loop = (!matches!(names, Names::Tags | Names::DeltaV)).then(|| "FIC101".to_string());
+        same_imported(&found, &imported(&bytes, &Options { of_loop, ..Options::default() }))?;
         // Refused is right, too: three decimals everywhere may be thousands.
-        let Ok(found) = of_bytes(&bytes, &Options::default()) else { return Ok(counts.then_some(false)) };
+        let Ok(found) = found else { return Ok(counts.then_some(false)) };
         let is_same = same(&found.record, &record, &beside, &times);
         is_same.map_err(|error| TestCaseError::fail(format!("{error}; read as {}", found.found.read_as)))?;
         Ok(counts.then_some(true))

@@ -27,7 +27,7 @@ pub(super) fn named(file: &BackfillFile, id: &LoopId, config: &Config) -> Result
     if !path.symlink_metadata().is_ok_and(|found| found.is_file()) {
         return refused(format!("there is no file {:?} in the folder of [tables]", file.name));
     }
-    let mut options = Options { of_loop: None, ..config.defaults.clone() };
+    let mut options = Options { of_loop: None, ..config.defaults.of_all_tables() };
     for (name, value) in &file.options {
         if !options.set(name, value.clone()) {
             return refused(format!("table: no option is called {name:?}"));

@@ -3,6 +3,7 @@
 use super::super::{LoopConfig, TagConfig, plant};
 use super::{Parts, Rules, Step};
 use crate::collect::mqtt;
+use crate::host;
 use crate::notify;
 use std::collections::{HashMap, HashSet};
 
@@ -27,7 +28,7 @@ impl Rules<'_, '_, '_> {
         }
         let mut seen: HashMap<(String, String), String> = HashMap::new();
         for (address, id, place, section) in all {
-            let key = (address.to_ascii_lowercase(), id.clone());
+            let key = (host::canonical(&address), id.clone());
             if let Some(first) = seen.get(&key) {
                 let message = format!(
                     "client_id: {first} and {section} are both the client {id:?} of {address}, which throws one out for the \
@@ -89,7 +90,7 @@ impl Rules<'_, '_, '_> {
 /// Whether a tag is read from the broker that results are published to.
 fn is_there(parts: &Parts, own: &notify::mqtt::Config, tag: &mqtt::TagConfig) -> bool {
     let broker = parts.mqtt.iter().flatten().find(|broker| broker.name == tag.device);
-    broker.is_some_and(|broker| broker.address.eq_ignore_ascii_case(&own.address))
+    broker.is_some_and(|broker| host::canonical(&broker.address) == host::canonical(&own.address))
 }
 
 #[cfg(test)]
@@ -114,6 +115,8 @@ mod tests {
         let found = errors(&(broker("a", "Plant:1883", same) + &broker("b", "plant:1883", same)));
         assert!(found.len() == 1 && found[0].starts_with("f:8:13: client_id:"), "{found:?}");
         assert!(found[0].contains("[[mqtt]] \"a\"") && found[0].contains("\"x\""), "{found:?}");
+        let found = errors(&(broker("a", "localhost:1883", same) + &broker("b", "127.0.0.1:1883", same)));
+        assert!(found.len() == 1 && found[0].starts_with("f:8:13: client_id:"), "{found:?}");
         let none = [
             broker("a", "plant:1883", "") + &broker("b", "plant:1883", ""),
             broker("a", "plant:1883", same) + &broker("b", "other:1883", same),

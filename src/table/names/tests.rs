@@ -37,6 +37,9 @@ fn names_of_vendors_say_what_they_are() {
         ("Time (hh:mm:ss)", "t", ""),
         ("Timestamp (dd/mm/yyyy hh:mm:ss)", "t", ""),
         ("Time min", "t", ""),
+        ("UTC time", "t", ""),
+        ("local_timestamp", "t", ""),
+        ("Start time", "t", ""),
         ("\\\\SERVER\\FIC101.PV", "pv", "server fic101"),
         ("FIC101 OP %", "op", "fic101"),
         ("CV", "op", ""),
@@ -93,6 +96,7 @@ fn names_of_vendors_say_what_they_are() {
         "FT101 Out",
         "OP_2026",
         "Output (PV)",
+        "UTC offset",
         "FIC101.PV - FIC101.SP",
         "OP - PV",
         "FT101OP",
@@ -111,6 +115,8 @@ fn names_of_vendors_say_what_they_are() {
         ("t_s", "s"),
         ("Time h", "h"),
         ("OP_time_s", "s"),
+        ("UTC time", "UTC"),
+        ("Local Time", "Local"),
         ("PV, C", "C"),
     ] {
         assert_eq!(Name::new(name).unit.as_deref(), Some(unit), "{name}");

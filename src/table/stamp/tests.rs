@@ -33,6 +33,7 @@ fn dates_of_every_kind_are_the_same_moment() {
         ("Mon Jun  1 06:00:00 2026", six, None),
         ("Mon, 01 Jun 2026 06:00:00 GMT", six, Some(0)),
         ("06:00:00 01.06.2026", six, None),
+        ("\u{200e}01.\u{200e}06.\u{200e}2026 06:00:00", six, None),
         ("2026-06-01 12:00:00 AM", 0.0, None),
         ("2026-06-01 06:00:00 p.m.", six + 43200.0, None),
         ("2026-05-31 24:00:00", 0.0, None),

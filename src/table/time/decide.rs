@@ -1,15 +1,15 @@
 //! Which of the ways to read the column is right, or why none is.
 
-use super::super::error::{TableError, shown};
+use super::super::error::TableError;
 use super::super::header_format;
 use super::super::header_zone::HeaderZone;
 use super::super::number::Decimal;
-use super::super::options::{self, Format, Told, Zone};
+use super::super::options::{Format, Told};
 use super::super::source::TimeBase;
 use super::super::stamp::Order;
 use super::reading::{How, Reading, Spread};
-use super::tally::{Groups, Numbers, Times, Track};
-use super::turns::{missing_hour, not_of_twelve_hours_a_day};
+use super::tally::{Groups, Times, Track};
+use super::turns::{Clock, missing_hour, not_of_twelve_hours_a_day};
 use super::units::{per_second, unit_said};
 
 /// Stamps that may be missing or wrong within a column: one in so many.
@@ -62,31 +62,19 @@ impl Times {
         let dated = self.dates.iter().map(|track| track.count).max().unwrap_or(0);
         let best = [numbers.track.count, dated, self.clocks.count, self.moments.count, self.formatted.count];
         let most = best.into_iter().max().unwrap_or(0);
-        let of_header = if told.zone.name.is_none() { self.stated_zone(column)? } else { None };
-        if let (Some((line, cell)), None, None) = (&self.letters, &told.zone.name, &of_header) {
-            return Err(TableError::refused(format!(
-                "{} {line}, column {} ({}): the letters in {cell:?} are those of several zones; say which with --tz, such as \
-                 America/New_York or -05:00",
-                column.row_name, column.number, column.name
-            )));
-        }
-        let zone = || match &of_header {
-            Some(zone) => format!(" ({} by the header)", shown(zone.name.as_deref().unwrap_or_default())),
-            None => zone_said(told),
-        };
-        let new = |how, said: String| Reading::new(how, of_header.as_ref().unwrap_or(&told.zone), said);
+        let chosen = self.zone(column, told)?;
+        let (has_zone, zone) = (chosen.zone.name.is_some(), chosen.said.as_str());
+        let new = |how, said: String| Reading::new(how, &chosen.zone, said);
         let by_pattern = matches!(told.format, Some(Format::Pattern(_)));
         let (track, mut reading, per_s) = if !by_pattern && (most == 0 || numbers.track.count == most) {
             let unit = self.unit(numbers, column, told, most)?;
-            let said = unit_said(unit, numbers, &zone());
+            let said = unit_said(unit, numbers, zone);
             (&numbers.track, new(How::Number(decimal, unit), said), per_second(unit))
         } else if !by_pattern && dated == most {
             let order = self.order(column, told)?;
             self.bare_millis(column)?;
-            let has_zone = told.zone.name.is_some() || of_header.is_some();
             self.one_way_of_offsets(column, has_zone)?;
-            let said =
-                self.date_said(order) + &if self.offsets[1].is_some() { zone() } else { String::new() };
+            let said = self.date_said(order) + if self.offsets[1].is_some() { zone } else { "" };
             (&self.dates[order as usize], new(How::Dated(order), said), 1.0)
         } else if !by_pattern && self.clocks.count == most {
             self.minutes(column)?;
@@ -99,22 +87,23 @@ impl Times {
             };
             (&self.clocks, new(how, said.into()), 1.0)
         } else if !by_pattern && self.moments.count == most {
-            let has_zone = told.zone.name.is_some() || of_header.is_some();
-            (&self.moments, new(How::Moment, self.moments_said(&zone(), has_zone)), 1.0)
+            (&self.moments, new(How::Moment, self.moments_said(zone, has_zone)), 1.0)
         } else {
             let pattern = match &told.format {
                 Some(Format::Pattern(pattern)) => pattern.clone(),
                 _ => String::new(),
             };
-            let said = format!("time {pattern} by --time-format{}", zone());
+            let said = format!("time {pattern} by --time-format{zone}");
             (&self.formatted, new(How::Pattern(pattern), said), 1.0)
         };
         self.enough(track, column, told)?;
         let is_wide = groups.is_some();
         let shared = groups.as_ref().is_some_and(Groups::is_cut);
-        reading.falls = track.falls();
         reading.by_tag = track.is_stacked();
         reading.spread = groups.and_then(|groups| spread(groups, track, per_s));
+        let remarks = self.remarks(&reading, column, told, &chosen.against);
+        reading.said += &remarks;
+        reading.follow(track, per_s, self.has_open_times(&reading.how));
         let dated = is_wide && matches!(reading.how, How::Dated(_) | How::Moment);
         let is_one = is_wide && track.count >= FEW_ROWS && track.least == track.most;
         whole(column, dated.then_some(track), shared && reading.spread.is_none() || is_one)?;
@@ -123,13 +112,12 @@ impl Times {
             if let How::Number(..) = reading.how {
                 again(track, per_s, column)?;
             }
-            reading.said += &self.back(track, per_s, told, column)?;
+            let clock = Clock { has_zone, is_changed: reading.is_changed };
+            reading.said += &self.back(track, per_s, told, column, clock)?;
         }
         match reading.how {
             How::Clock => not_of_twelve_hours_a_day(track, column)?,
-            How::Dated(_) if told.zone.name.is_none() && of_header.is_none() => {
-                reading.said += &missing_hour(&self.offsets, track, column)
-            }
+            How::Dated(_) if !has_zone => reading.said += &missing_hour(&self.offsets, track, column),
             _ => {}
         }
         if let Some(spread) = &reading.spread {
@@ -139,49 +127,12 @@ impl Times {
         Ok(reading)
     }
 
-    /// The zone that the header says, or another place of the table.
-    ///
-    /// # Errors
-    /// Letters or words that do not say whose zone it is, where times have no offset.
-    fn stated_zone(&self, column: &Column<'_>) -> Result<Option<Zone>, TableError> {
-        // INT96 is UTC unless an option gives its zone: Spark writes UTC beside a column with the zone of the plant.
-        if self.base == Some(TimeBase::Int96) {
-            return Ok(None);
-        }
-        let own = column.unit.and_then(HeaderZone::behind_times);
-        let beside = column.zone.filter(|_| own.is_none() && !column.unit.is_some_and(HeaderZone::is_utc));
-        let days = |numbers: &Numbers| numbers.serial.max(numbers.date_num) * 2 > self.rows;
-        let is_needed = self.offsets[1].is_some()
-            || self.moments.count + self.formatted.count > 0
-            || self.numbers.iter().any(days);
-        let is_own = own.is_some();
-        let Column { number, name, .. } = column;
-        match own.as_ref().or(beside) {
-            Some(HeaderZone::Offset(name)) => {
-                let rules = options::zone(name);
-                Ok(rules.map(|rules| Zone { name: Some(name.clone()), rules: Some(rules) }))
-            }
-            Some(HeaderZone::Letters(letters)) if is_own || is_needed => Err(TableError::refused(format!(
-                "column {number} ({name}): {letters} alone is no zone; say which with --tz, such as Europe/Berlin or +02:00"
-            ))),
-            Some(HeaderZone::Words(words)) if is_needed => Err(TableError::refused(format!(
-                "column {number} ({name}): the table says {:?} of its times, which does not tell whose clock it is; say the zone with \
-                 --tz, such as Europe/Berlin, +02:00 or UTC",
-                shown(words)
-            ))),
-            _ => Ok(None),
-        }
-    }
-
     /// Whether so many cells can be read that the rest may be left out.
     fn enough(&self, track: &Track, column: &Column<'_>, told: &Told) -> Result<(), TableError> {
-        let trailing = self.rows - track.last_row;
-        let within = track.last_row - track.count;
-        let trailer =
-            trailing <= TRAILER && (trailing == 0 || self.rows >= ROWS && trailing * 2 <= self.rows);
-        if track.count > 0 && trailer && within * BAD <= self.rows {
+        if few_are_missing(self.rows, track.count, track.last_row) {
             return Ok(());
         }
+        let within = track.last_row - track.count;
         self.not_of_two_kinds(column)?;
         let (line, cell) = track.first_miss.clone().unwrap_or_default();
         let Column { row_name, number, name, .. } = column;
@@ -196,7 +147,7 @@ impl Times {
                 "{row_name} {line}, column {number} ({name}): {cell:?} is not written as --time-format {pattern}"
             )));
         }
-        if within * BAD > self.rows && within * 2 < self.rows && trailer {
+        if within * BAD > self.rows && within * 2 < self.rows && is_trailer(self.rows, track.last_row) {
             return Err(TableError::refused(format!(
                 "{row_name} {line}, column {number} ({name}): {cell:?} is no time, and {within} of {} rows have none: more than one row \
                  in fifty is no sample; take them out of the table",
@@ -354,6 +305,17 @@ impl Times {
     }
 }
 
+/// Whether so few of all rows have no time that they may be left out; the last one that has a time is numbered from 1.
+pub fn few_are_missing(rows: u64, with_time: u64, last: u64) -> bool {
+    with_time > 0 && is_trailer(rows, last) && (last - with_time) * BAD <= rows
+}
+
+/// Whether the rows behind the last one that has a time may be a trailer.
+fn is_trailer(rows: u64, last: u64) -> bool {
+    let trailing = rows - last;
+    trailing <= TRAILER && (trailing == 0 || rows >= ROWS && trailing * 2 <= rows)
+}
+
 /// Refuses numbers that begin again, such as seconds of the day: sorted, one part would lie within the other. A single number
 /// that is off leads back, too.
 fn again(track: &Track, per_s: f64, column: &Column<'_>) -> Result<(), TableError> {
@@ -390,7 +352,8 @@ fn whole(column: &Column<'_>, dated: Option<&Track>, shared: bool) -> Result<(),
     Err(TableError::refused(format!("column {} ({}): {what}", column.number, column.name)))
 }
 
-fn letters(order: Order) -> &'static str {
+/// An order as a format shows it.
+pub(super) fn letters(order: Order) -> &'static str {
     match order {
         Order::Dmy => "dd/mm/yyyy",
         Order::Mdy => "mm/dd/yyyy",
@@ -413,10 +376,6 @@ fn short(order: Order) -> &'static str {
         Order::Mdy => "mdy",
         Order::Ymd => "ymd",
     }
-}
-
-fn zone_said(told: &Told) -> String {
-    told.zone.name.as_ref().map_or_else(|| " (UTC)".to_string(), |name| format!(" ({} by --tz)", shown(name)))
 }
 
 /// Stamps that are cut to whole seconds or minutes, with several rows each.

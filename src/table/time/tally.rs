@@ -134,12 +134,14 @@ impl Track {
 
 /// From 1904, when LabVIEW's and the Macintosh's clocks begin, to 1970 (s).
 pub const SINCE_1904: f64 = 2_082_844_800.0;
+/// No time that numbers count is later than this: 2100 (s since 1970).
+pub const LATEST: f64 = 4_102_444_800.0;
 /// Ranges of numbers in which a unit of time puts the years 1990 to 2100. Nanoseconds of 1990 are ticks of .NET in our days,
 /// which are likelier, so those come first.
 /// Numbers that would be after 2055 as seconds since 1970 are read as seconds since 1904, which gives 1990 or later.
 pub const RANGES: [(f64, f64); 7] = {
     const FROM: f64 = 631_152_000.0;
-    const TO: f64 = 4_102_444_800.0;
+    const TO: f64 = LATEST;
     const SINCE_1601: f64 = 11_644_473_600.0;
     const SINCE_1: f64 = 62_135_596_800.0;
     [
@@ -171,7 +173,20 @@ pub struct Numbers {
     pub date_num: u64,
     /// How many are below every range: seconds since the record began.
     pub small: u64,
+    /// The first one: its line and what stands there, and in which range it is.
+    pub first: Option<(u64, String, usize)>,
+    /// The first in another range.
+    pub odd: Option<Odd>,
     clock: ClockDigits,
+}
+
+/// A number in another range than the first.
+#[derive(Clone, Debug)]
+pub struct Odd {
+    /// Its line and what stands there.
+    pub at: (u64, String),
+    /// It is no next step from the number before it.
+    pub leaps: bool,
 }
 
 /// Whether numbers are the digits of a clock, `095959` and then `100000`.
@@ -201,11 +216,24 @@ impl ClockDigits {
 
 impl Numbers {
     fn add(&mut self, row: Row, cell: &dyn Fn() -> String, value: Option<f64>) {
+        let before = self.track.before.get(row.tag).copied().flatten();
         self.track.add(row, cell, value);
         let Some(value) = value else { return };
-        match RANGES.iter().position(|(from, to)| (*from..*to).contains(&value)) {
+        let range = RANGES.iter().position(|(from, to)| (*from..*to).contains(&value));
+        let is_small = value.abs() < RANGES[0].0;
+        match range {
             Some(at) => self.ranges[at] += 1,
-            None => self.small += u64::from(value.abs() < RANGES[0].0),
+            None => self.small += u64::from(is_small),
+        }
+        let own = range.unwrap_or(RANGES.len() + usize::from(is_small));
+        match &self.first {
+            None => self.first = Some((row.line, shown(&cell()), own)),
+            Some((.., first)) if *first != own && self.odd.is_none() => {
+                // Units are a thousand times another, and a count goes on in small steps.
+                let leaps = |before: f64| before != 0.0 && !(0.01..100.0).contains(&(value / before));
+                self.odd = Some(Odd { at: (row.line, shown(&cell())), leaps: before.is_some_and(leaps) });
+            }
+            Some(_) => {}
         }
         self.serial += u64::from((SERIAL.0..SERIAL.1).contains(&value));
         self.date_num += u64::from((DATE_NUM.0..DATE_NUM.1).contains(&value));

@@ -18,6 +18,15 @@ const SWAPPED: f64 = 330.0 * A_DAY;
 /// A clock that is turned does so by whole hours and a step of the record, which is no longer than this (s).
 const LONGEST_STEP: f64 = 60.0;
 
+/// What is known of the clock of times without an offset.
+#[derive(Clone, Copy)]
+pub(super) struct Clock {
+    /// Its zone is told or stated.
+    pub has_zone: bool,
+    /// It is changed within the record.
+    pub is_changed: bool,
+}
+
 impl Times {
     /// What is remarkable where times go back and go on from there, in words.
     ///
@@ -29,6 +38,7 @@ impl Times {
         per_s: f64,
         told: &Told,
         column: &Column<'_>,
+        clock: Clock,
     ) -> Result<String, TableError> {
         // Where the newest stands first, times that go on are those that go back in time.
         let ([forward, back], turned) = match track.falls() {
@@ -38,8 +48,8 @@ impl Times {
         let Some((step, line)) = turned.map(|(step, line)| (step / per_s, line)) else {
             return Ok(String::new());
         };
-        // Where a zone is told, the hour that comes twice is known by it.
-        if back * BAD > forward || step < BACK_S || told.zone.name.is_some() && step <= HOUR {
+        // The hour that comes twice is known by the zone.
+        if back * BAD > forward || step < BACK_S || clock.is_changed && step <= HOUR {
             return Ok(String::new());
         }
         let Column { row_name, number, name, .. } = column;
@@ -50,7 +60,7 @@ impl Times {
                 step / A_DAY
             )));
         }
-        let local = told.zone.name.is_none() && matches!(self.offsets, [None, Some(_)]);
+        let local = !clock.has_zone && matches!(self.offsets, [None, Some(_)]);
         if local && back <= track.tags() && (HOUR * 0.9..=HOUR).contains(&step) {
             return Err(TableError::refused(format!(
                 "{row_name} {line}, column {number} ({name}): times go back by an hour, as where daylight saving time ends; say \

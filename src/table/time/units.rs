@@ -3,7 +3,7 @@
 use super::super::error::TableError;
 use super::super::options::{Told, Unit};
 use super::decide::{BAD, Column};
-use super::tally::{Numbers, SERIAL, SERIAL_OR_MJD, Times, Track};
+use super::tally::{Numbers, Odd, SERIAL, SERIAL_OR_MJD, Times, Track};
 
 /// Steps of seconds below which days of a spreadsheet are meant (s read as days: 86 s).
 const STEP_OF_DAYS: f64 = 1e-3;
@@ -46,14 +46,21 @@ impl Times {
         let most = |count: u64| count > 0 && (all - count) * BAD <= all;
         let shown = numbers.track.least;
         let by_range = numbers.ranges.iter().position(|count| most(*count)).map(|at| UNITS[at]);
+        let (first_line, first) =
+            numbers.first.as_ref().map_or((1, ""), |(line, cell, _)| (*line, cell.as_str()));
+        if let (Some(Unit::Seconds), Some(Unit::SecondsSince1904)) = (told.unit, by_range) {
+            return Err(TableError::refused(format!(
+                "{row_name} {first_line}, column {number} ({name}): {first:?} is a time after 2055 in seconds since 1970, which --time-unit s \
+                 means; say --time-unit s1904 where LabVIEW has counted"
+            )));
+        }
         if let Some(unit) = told.unit {
             return Ok(unit);
         }
         if numbers.are_clock_digits() && (by_range.is_some() || most(numbers.small)) {
             return Err(TableError::refused(format!(
-                "{row_name} {}, column {number} ({name}): the last two digits never reach 60, nor do those before them: {shown} may be the \
-                 digits of a clock; say so with --time-format, such as %H%M%S, or --time-unit s",
-                self.first_line()
+                "{row_name} {first_line}, column {number} ({name}): the last two digits never reach 60, nor do those before them: {first:?} \
+                 may be the digits of a clock; say so with --time-format, such as %H%M%S, or --time-unit s"
             )));
         }
         match (by_range, named) {
@@ -70,12 +77,7 @@ impl Times {
             _ => {}
         }
         if numbers.track.count > 0 && !most(numbers.small) && named.is_none() {
-            let beyond = if numbers.track.most.abs() > -shown { numbers.track.most } else { shown };
-            return Err(TableError::refused(format!(
-                "{row_name} {}, column {number} ({name}): {beyond:?} is a time of our days in no unit; say --time-unit, or where the \
-                 digits are a date --time-format, such as %y%m%d%H%M%S",
-                self.first_line()
-            )));
+            return Err(in_no_unit(numbers, column));
         }
         let step = numbers.track.usual_step().unwrap_or(0.0);
         let (odd, parts) = as_parts(&numbers.track);
@@ -112,10 +114,26 @@ impl Times {
             None => Ok(Unit::Seconds),
         }
     }
+}
 
-    fn first_line(&self) -> u64 {
-        self.example.as_ref().map_or(1, |(line, _)| *line)
-    }
+/// Why numbers that are neither of our days in one unit nor seconds since the start are refused.
+fn in_no_unit(numbers: &Numbers, column: &Column<'_>) -> TableError {
+    let Column { row_name, number, name, .. } = column;
+    let (line, first) = numbers.first.as_ref().map_or((1, ""), |(line, cell, _)| (*line, cell.as_str()));
+    TableError::refused(match &numbers.odd {
+        Some(Odd { at: (odd_line, odd), leaps: true }) => format!(
+            "{row_name} {odd_line}, column {number} ({name}): {odd:?} counts in another unit than {first:?} in {row_name} {line}; write all \
+             times in one unit, or save the parts apart"
+        ),
+        Some(Odd { at: (odd_line, odd), .. }) => format!(
+            "{row_name} {odd_line}, column {number} ({name}): {odd:?}, and {first:?} in {row_name} {line}, are times of our days in no unit; \
+             say --time-unit"
+        ),
+        None => format!(
+            "{row_name} {line}, column {number} ({name}): {first:?} is a time of our days in no unit; say --time-unit, or where the digits \
+             are a date --time-format, such as %y%m%d%H%M%S"
+        ),
+    })
 }
 
 /// Whether a step is round in milliseconds and in no unit from seconds on, such as 100 or 250.
@@ -147,7 +165,8 @@ fn as_parts(track: &Track) -> (f64, Vec<String>) {
     steps.map(|step| (step, of(step))).find(|(_, parts)| !parts.is_empty()).unwrap_or_default()
 }
 
-fn of(unit: Unit) -> &'static str {
+/// What a unit counts, in words.
+pub(super) fn of(unit: Unit) -> &'static str {
     match unit {
         Unit::Seconds => "seconds",
         Unit::Millis => "milliseconds",

@@ -43,7 +43,7 @@ impl<'a> What<'a> {
 fn time_of_day(cell: &Cell<'_>) -> Option<i64> {
     match cell {
         Cell::Clock(ns) => Some(*ns),
-        Cell::Text(text) => stamp::scan(text)?.time_of_day().filter(|clock| *clock <= DAY),
+        Cell::Text(text) => stamp::scan(text)?.as_clock().time_of_day().filter(|clock| *clock <= DAY),
         Cell::Number(days) if (0.0..1.0).contains(days) => Some((days * 86_400e3).round() as i64 * 1_000_000),
         _ => None,
     }
@@ -123,6 +123,13 @@ mod tests {
             let what = What::of(&Cell::Text(date), Some(&CLOCK));
             assert_eq!(civil(&what), Some(AT * SECOND), "{date}");
         }
+        // Points divide its numbers in Italy and Denmark, also beside another sign in the date.
+        for (date, clock) in
+            [("01/06/2026", "06.00.02"), ("2026-06-01", "6.00.02"), ("01.06.2026", "06.00.02")]
+        {
+            let what = What::of(&Cell::Text(date), Some(&Cell::Text(clock)));
+            assert_eq!(civil(&what), Some(AT * SECOND), "{date} {clock}");
+        }
         // A share of the day, as a spreadsheet keeps a time of day that has lost its format.
         let quarter = What::of(&Cell::Text("2026-06-01"), Some(&Cell::Number(0.25)));
         assert_eq!(civil(&quarter), Some((AT - 2) * SECOND));
@@ -133,6 +140,8 @@ mod tests {
             ("2026-06-01", Cell::Blank),
             ("2026-06-01", Cell::Number(21_602.0)),
             ("2026-06-01", Cell::Clock(2 * DAY)),
+            ("2026-06-01", Cell::Text("01.06.2026")),
+            ("2026-06-01", Cell::Text("31.12.25")),
         ] {
             let what = What::of(&Cell::Text(date), Some(&second));
             assert_eq!(what.kind(), WhatKind::Nothing, "{date} beside {second:?}");

@@ -1,20 +1,19 @@
 //! How much memory the library takes for the tables of an OpenDocument spreadsheet. It makes a thousand cells of one that is said to
 //! be repeated a thousand times.
 
-use super::limits::{GROWING, TEXT, Weight, heap};
+use super::limits::{GROWTH_FACTOR, MemoryEstimate, STRING_SIZE, VALUE_SIZE, allocation_size};
 use super::tags::{Tag, Tags, attributes, number};
-use calamine::Data;
 use std::io::{self, BufRead};
 
-/// Rows and columns at which the library stops repeating.
+/// Rows at which the library stops repeating: a sheet of Excel has no more.
 const MAX_ROWS: u64 = 1 << 20;
+/// Columns at which the library stops repeating: a sheet of Excel has no more.
 const MAX_COLUMNS: u64 = 1 << 14;
-/// Bytes that it takes for the value of a cell, without the text of its formula.
-const VALUE: u64 = size_of::<Data>() as u64;
 /// Bytes that it takes for a cell while it reads the rows: it has a list of values and a list of formulas. Both may have twice the
 /// room that they need, and one of them grows.
-const WRITTEN: u64 = 2 * VALUE + GROWING * TEXT;
+const WRITTEN_CELL_SIZE: u64 = 2 * VALUE_SIZE + GROWTH_FACTOR * STRING_SIZE;
 
+/// Elements that are cells; one that is covered lies under a merged one.
 const CELLS: [&[u8]; 2] = [b"table:table-cell", b"table:covered-table-cell"];
 
 /// What is made of a table.
@@ -35,16 +34,16 @@ struct Table {
 }
 
 impl Table {
-    fn add_to(&self, weight: &mut Weight) {
-        let each = VALUE + if self.has_formulas { TEXT } else { 0 };
+    fn add_to(&self, memory: &mut MemoryEstimate) {
+        let each = VALUE_SIZE + if self.has_formulas { STRING_SIZE } else { 0 };
         let all = self.cells.saturating_mul(each);
         // The library makes room for the rows as they are written. If rows are repeated, the list grows.
         let kept = if self.is_repeated { all.saturating_mul(2) } else { all };
         let growing = if self.is_repeated { all } else { 0 };
-        weight.library(kept.saturating_add(self.text));
-        let written = self.written.saturating_mul(WRITTEN).saturating_add(self.text_written);
-        weight.opening(written.saturating_add(growing));
-        weight.handed(self.cells.saturating_mul(VALUE).saturating_add(self.text));
+        memory.add_library_memory(kept.saturating_add(self.text));
+        let written = self.written.saturating_mul(WRITTEN_CELL_SIZE).saturating_add(self.text_written);
+        memory.raise_opening_peak(written.saturating_add(growing));
+        memory.raise_largest_sheet_copy(self.cells.saturating_mul(VALUE_SIZE).saturating_add(self.text));
     }
 }
 
@@ -53,12 +52,12 @@ impl Table {
 ///
 /// # Errors
 /// What the reader said.
-pub fn look(tags: &mut Tags<impl BufRead>, weight: &mut Weight) -> io::Result<bool> {
+pub fn check(tags: &mut Tags<impl BufRead>, memory: &mut MemoryEstimate) -> io::Result<bool> {
     while let Some(tag) = tags.tag()? {
         let Tag::Begin(b"table:table", written) = tag else { continue };
         if attributes(written).any(|(name, _)| name == b"table:name") {
             let Some(table) = table(tags)? else { return Ok(true) };
-            table.add_to(weight);
+            table.add_to(memory);
         }
     }
     Ok(false)
@@ -119,7 +118,8 @@ fn row(tags: &mut Tags<impl BufRead>) -> io::Result<Row> {
         let Some(name) = CELLS.into_iter().find(|own| *own == name) else { continue };
         let repeats = number(written, "table:number-columns-repeated");
         let cell = Cell::new(written);
-        let text = cell.text.saturating_add(heap(content(tags, name, cell.is_in_content)?));
+        let content = content(tags, name, cell.is_in_content)?;
+        let text = cell.text.saturating_add(allocation_size(content));
         // Blank cells are made as soon as another one follows, be it blank as well.
         row.cells += blank.min(MAX_COLUMNS - row.cells);
         let repeats = repeats.min(MAX_COLUMNS - row.cells);
@@ -166,7 +166,8 @@ impl Cell {
             }
         }
         let is_in_content = !has_value && is_string || is_error && is_hollow;
-        Self { has_value, is_in_content, text: heap(text) + heap(formula), has_formula: formula > 0 }
+        let text = allocation_size(text) + allocation_size(formula);
+        Self { has_value, is_in_content, text, has_formula: formula > 0 }
     }
 
     fn is_blank(&self) -> bool {
@@ -217,9 +218,9 @@ mod tests {
     }
 
     /// Whether a document is cut, and what the workbook would take.
-    fn looked(text: &str) -> (bool, Weight) {
-        let mut weight = Weight::of(0);
-        (look(&mut Tags::new(text.as_bytes()), &mut weight).expect("text"), weight)
+    fn checked(text: &str) -> (bool, MemoryEstimate) {
+        let mut memory = MemoryEstimate::of_file(0);
+        (check(&mut Tags::new(text.as_bytes()), &mut memory).expect("text"), memory)
     }
 
     /// Rows of cells, each with its attributes.
@@ -285,9 +286,9 @@ mod tests {
     #[test]
     fn a_table_is_counted_while_it_is_read_and_as_it_is_kept() {
         let over = |table: Table| {
-            let mut weight = Weight::of(0);
-            table.add_to(&mut weight);
-            weight.over().is_some()
+            let mut memory = MemoryEstimate::of_file(0);
+            table.add_to(&mut memory);
+            memory.over_limit().is_some()
         };
         // 168 bytes for a cell of a plain table: 136 in its rows, and 32 as it is kept.
         let plain = |cells: u64| Table { written: cells, cells, ..Table::default() };
@@ -318,7 +319,7 @@ mod tests {
         let whole = format!("<table:table table:name=\"S\">{}</table:table>", row("", &[FLOAT]));
         for (cut, is_cut) in [(0, false), (1, true), (20, true), (60, true), (whole.len() - 10, false)] {
             let text = &whole[..whole.len() - cut];
-            assert_eq!(looked(text).0, is_cut, "{text}");
+            assert_eq!(checked(text).0, is_cut, "{text}");
         }
     }
 
@@ -326,7 +327,7 @@ mod tests {
     fn tables_with_a_name_count_together() {
         let rows = row(" table:number-rows-repeated=\"90000\"", &[FLOAT]);
         let document = |table: &str| format!("<office:spreadsheet>{}</office:spreadsheet>", table.repeat(3));
-        let over = |table: &str| looked(&document(table)).1.over().is_some();
+        let over = |table: &str| checked(&document(table)).1.over_limit().is_some();
         // One would take 96 bytes for each cell, and three 64 for each and 32 for those of one.
         assert!(over(&format!("<table:table table:name=\"S\">{rows}</table:table>")));
         assert!(!over(&format!("<table:table>{rows}</table:table>")), "the library leaves them out");

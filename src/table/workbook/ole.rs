@@ -3,25 +3,55 @@
 
 use super::biff;
 use super::fields::{u16_at, u32_at};
-use super::limits::{GROWING, Weight};
+use super::limits::{GROWTH_FACTOR, MemoryEstimate};
 use crate::table::error::TableError;
 use encoding_rs::UTF_16LE;
 
-/// Numbers of sectors from which on there is no sector; that of the end of a chain; and from which on the list of tables has none.
+/// From this number on, the library takes a number for no sector.
 const NO_SECTOR: u32 = 0xffff_fffa;
-const END: u32 = 0xffff_fffe;
+/// From this number on, the library takes a number in the list of tables for no table.
 const NO_TABLE: u32 = 0xffff_fffc;
-/// Bytes of a sector of small streams, and below which a stream is one.
-const SMALL: usize = 64;
-const SMALL_STREAM: usize = 4096;
+/// The number that ends a chain.
+const END: u32 = 0xffff_fffe;
+
+/// Where the head of a file, as Microsoft's document MS-CFB describes it, has the size of sectors, as a power of two.
+const SECTOR_SHIFT_AT: usize = 30;
+/// Where the head has the first sector of the directory.
+const DIRECTORY_AT: usize = 48;
+/// Where the head has the first sector of the table of small sectors.
+const SMALL_TABLE_AT: usize = 60;
+/// Where the head has how many sectors the table of small sectors takes.
+const SMALL_TABLE_COUNT_AT: usize = 64;
+/// Where the head has the first sector with more of the list of tables.
+const MORE_TABLES_AT: usize = 68;
+/// Where the head has the first of the list of tables, up to its end.
+const TABLES_AT: std::ops::Range<usize> = 76..512;
+
 /// Bytes of an entry of the directory.
-const ENTRY: usize = 128;
+const ENTRY_LEN: usize = 128;
+/// Most bytes of the name in an entry.
+const ENTRY_NAME_LEN: usize = 64;
+/// Where an entry has the first sector of its stream.
+const FIRST_SECTOR_AT: usize = 116;
+/// Where an entry has the low four bytes of the length of its stream.
+const LEN_AT: usize = 120;
+/// Where an entry has the high four bytes of that length; they mean something only where sectors are large.
+const HIGH_LEN_AT: usize = 124;
+
+/// Bytes of a sector in most files.
+const SECTOR_SIZE: usize = 512;
+/// Bytes of a large sector.
+const LARGE_SECTOR_SIZE: usize = 4096;
+/// Bytes of a sector of small streams.
+const SMALL_SECTOR_SIZE: usize = 64;
+/// Bytes below which a stream is a small one.
+const MIN_STREAM_LEN: usize = 4096;
 
 /// Adds the memory that a file would take.
 ///
 /// # Errors
 /// A file that is damaged, or would take too much memory.
-pub fn look(bytes: &[u8], weight: &mut Weight) -> Result<(), TableError> {
+pub fn check(bytes: &[u8], memory: &mut MemoryEstimate) -> Result<(), TableError> {
     let (book, beside) = book(bytes).ok_or_else(|| {
         TableError::refused(
             "a workbook that cannot be read: it is damaged, and its sectors follow each other nowhere or without end; save it again, \
@@ -29,9 +59,9 @@ pub fn look(bytes: &[u8], weight: &mut Weight) -> Result<(), TableError> {
         )
     })?;
     // The library holds all sectors, in a list with twice the room that they need, and copies of the chains.
-    weight.library(bytes.len() as u64 * 2);
-    weight.library((book.len() as u64 + beside) * GROWING);
-    biff::look(&book, weight)
+    memory.add_library_memory(bytes.len() as u64 * 2);
+    memory.add_library_memory((book.len() as u64 + beside) * GROWTH_FACTOR);
+    biff::check(&book, memory)
 }
 
 fn numbers(bytes: &[u8]) -> impl Iterator<Item = u32> {
@@ -77,31 +107,33 @@ impl Sectors<'_> {
 /// The stream of the workbook, empty where there is none, and how many bytes were read beside it; `None` for a file whose sectors
 /// cannot be followed.
 fn book(bytes: &[u8]) -> Option<(Vec<u8>, u64)> {
-    let size = match u16_at(bytes, 30)? {
-        9 => 512,
-        12 => 4096,
+    let size = match u16_at(bytes, SECTOR_SHIFT_AT)? {
+        9 => SECTOR_SIZE,
+        12 => LARGE_SECTOR_SIZE,
         // The library refuses all others.
         _ => return Some((Vec::new(), 0)),
     };
     let sectors = Sectors { bytes: bytes.get(size..)?, size, may_be_cut: true };
     let table = table(bytes, &sectors)?;
-    let directory = sectors.chain(u32_at(bytes, 48)?, &table, usize::MAX)?;
-    let entries = || directory.chunks_exact(ENTRY);
+    let directory = sectors.chain(u32_at(bytes, DIRECTORY_AT)?, &table, usize::MAX)?;
+    let entries = || directory.chunks_exact(ENTRY_LEN);
     let root = entries().next()?;
-    let small_tables = u32_at(bytes, 64)? as usize;
+    let small_tables = u32_at(bytes, SMALL_TABLE_COUNT_AT)? as usize;
     let (mut small_table, mut small) = (Vec::new(), Vec::new());
     if small_tables > 0 {
-        small = sectors.chain(u32_at(root, 116)?, &table, len(root, size)?)?;
-        let chain = sectors.chain(u32_at(bytes, 60)?, &table, small_tables.saturating_mul(size))?;
+        small = sectors.chain(u32_at(root, FIRST_SECTOR_AT)?, &table, len(root, size)?)?;
+        let first = u32_at(bytes, SMALL_TABLE_AT)?;
+        let chain = sectors.chain(first, &table, small_tables.saturating_mul(size))?;
         small_table = numbers(&chain).collect();
     }
     let named = |name: &str| entries().find(|entry| name_of(entry).eq_ignore_ascii_case(name));
     let beside =
         (directory.len() + small.len() + size_of::<u32>() * (table.len() + small_table.len())) as u64;
     let Some(entry) = named("Workbook").or_else(|| named("Book")) else { return Some((Vec::new(), beside)) };
-    let (first, len) = (u32_at(entry, 116)?, len(entry, size)?);
-    let book = if len < SMALL_STREAM {
-        Sectors { bytes: &small, size: SMALL, may_be_cut: false }.chain(first, &small_table, len)?
+    let (first, len) = (u32_at(entry, FIRST_SECTOR_AT)?, len(entry, size)?);
+    let book = if len < MIN_STREAM_LEN {
+        let sectors = Sectors { bytes: &small, size: SMALL_SECTOR_SIZE, may_be_cut: false };
+        sectors.chain(first, &small_table, len)?
     } else {
         sectors.chain(first, &table, len)?
     };
@@ -111,8 +143,8 @@ fn book(bytes: &[u8]) -> Option<(Vec<u8>, u64)> {
 /// Which sector follows each.
 fn table(bytes: &[u8], sectors: &Sectors<'_>) -> Option<Vec<u32>> {
     let most = sectors.bytes.len() / sectors.size + 2;
-    let mut listed: Vec<u32> = numbers(bytes.get(76..512)?).collect();
-    let mut next = u32_at(bytes, 68)?;
+    let mut listed: Vec<u32> = numbers(bytes.get(TABLES_AT)?).collect();
+    let mut next = u32_at(bytes, MORE_TABLES_AT)?;
     let mut lists = 0;
     while next < NO_SECTOR {
         lists += 1;
@@ -122,12 +154,12 @@ fn table(bytes: &[u8], sectors: &Sectors<'_>) -> Option<Vec<u32>> {
         listed.extend(numbers(&sectors.get(next)?));
         next = listed.pop()?;
     }
-    let mut table = Vec::new();
     listed.retain(|id| *id < NO_TABLE);
     // Each is a sector of its own.
     if listed.len() > most {
         return None;
     }
+    let mut table = Vec::new();
     for id in listed {
         table.extend(numbers(&sectors.get(id)?));
     }
@@ -136,14 +168,14 @@ fn table(bytes: &[u8], sectors: &Sectors<'_>) -> Option<Vec<u32>> {
 
 /// The name of an entry of the directory.
 fn name_of(entry: &[u8]) -> String {
-    let name = UTF_16LE.decode(&entry[..64]).0;
+    let name = UTF_16LE.decode(&entry[..ENTRY_NAME_LEN]).0;
     name.split('\0').next().unwrap_or_default().to_string()
 }
 
 /// Bytes of the stream of an entry.
 fn len(entry: &[u8], size: usize) -> Option<usize> {
-    let high = if size == 512 { 0 } else { u64::from(u32_at(entry, 124)?) };
-    usize::try_from((high << 32) | u64::from(u32_at(entry, 120)?)).ok()
+    let high = if size == SECTOR_SIZE { 0 } else { u64::from(u32_at(entry, HIGH_LEN_AT)?) };
+    usize::try_from((high << 32) | u64::from(u32_at(entry, LEN_AT)?)).ok()
 }
 
 #[cfg(test)]

@@ -3,19 +3,21 @@
 //! number means the same text to both.
 
 /// Bytes of the head of the list: two counts, which the library does not believe.
-const HEAD: usize = 8;
-/// What a text says of itself: characters of two bytes, something behind it for the Far East, and changes of its font.
+const HEAD_LEN: usize = 8;
+/// Flag of a text whose characters take two bytes.
 const WIDE: u8 = 0x1;
-const EXTRA: u8 = 0x4;
-const RUNS: u8 = 0x8;
-/// Bytes of a change of the font.
-const RUN: usize = 4;
+/// Flag of a text with something behind it for the Far East.
+const FAR_EAST: u8 = 0x4;
+/// Flag of a text with changes of its font behind it.
+const FONT_CHANGES: u8 = 0x8;
+/// Bytes of a change of the font: where it begins, and the number of the font.
+const FONT_CHANGE_LEN: usize = 4;
 
 /// Bytes in UTF-8 of each text of a list, of its record and those that continue it, up to one that is cut: there the library refuses
 /// the workbook.
 pub fn texts(parts: &[&[u8]]) -> Vec<u32> {
     let Some((first, more)) = parts.split_first() else { return Vec::new() };
-    let mut rest = Rest { data: first.get(HEAD..).unwrap_or_default(), more };
+    let mut rest = Rest { data: first.get(HEAD_LEN..).unwrap_or_default(), more };
     let mut texts = Vec::new();
     while !rest.data.is_empty() || rest.goes_on() {
         let Some(bytes) = rest.text() else { break };
@@ -44,11 +46,11 @@ impl Rest<'_> {
             return Some(0);
         }
         let (characters, flags) = (self.number(2)?, self.number(1)? as u8);
-        let runs = if flags & RUNS == 0 { 0 } else { self.number(2)? };
-        let extra = if flags & EXTRA == 0 { 0 } else { self.number(4)? };
+        let font_changes = if flags & FONT_CHANGES == 0 { 0 } else { self.number(2)? };
+        let far_east = if flags & FAR_EAST == 0 { 0 } else { self.number(4)? };
         let bytes = self.characters(characters, flags & WIDE != 0)?;
-        self.skip(RUN * runs)?;
-        self.skip(extra)?;
+        self.skip(FONT_CHANGE_LEN * font_changes)?;
+        self.skip(far_east)?;
         Some(bytes)
     }
 
@@ -105,7 +107,7 @@ mod tests {
 
     /// A list of one record and those that continue it.
     fn of(parts: &[&[u8]]) -> Vec<u32> {
-        let first = [&[0; HEAD][..], parts[0]].concat();
+        let first = [&[0; HEAD_LEN][..], parts[0]].concat();
         let parts: Vec<&[u8]> = [first.as_slice()].into_iter().chain(parts[1..].iter().copied()).collect();
         texts(&parts)
     }

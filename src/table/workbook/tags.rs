@@ -1,7 +1,7 @@
 //! The tags of an XML document one after the other, in no more memory than the longest of them. They are divided as the library
 //! that opens workbooks divides them, so that neither sees a tag that the other does not.
 
-use super::limits::{self, GROWING, TEXT};
+use super::limits::{ENTRY_SIZE, GROWTH_FACTOR, STRING_SIZE, allocation_size};
 use std::io::{self, BufRead, Read};
 
 /// Most bytes of a tag: even the longest text that Excel takes has fewer.
@@ -13,16 +13,15 @@ const DEEPEST: usize = 1 << 8;
 /// Elements of which the library keeps a list, without their prefixes.
 const LISTED: [&[u8]; 8] =
     [b"Relationship", b"border", b"fill", b"font", b"numFmt", b"sheet", b"style", b"table"];
-/// Bytes that it takes for one of these, with the path of its part.
-const ENTRY: u64 = 1024;
-/// Bytes that it takes for each byte of the element's tag.
-const COPIES: u64 = 4;
+/// Bytes that it takes for each byte of the tag of one of these: a value may be kept twice, in texts with twice the room that they
+/// need.
+const LISTED_TAG_FACTOR: u64 = 4;
 /// Elements that name cells: of each the library keeps only two texts, the name and its formula.
 const NAMES: [&[u8]; 3] = [b"definedName", b"named-expression", b"named-range"];
-/// Bytes that it takes for the two texts themselves, in a list that grows.
-const NAME: u64 = GROWING * 2 * TEXT;
-/// Bytes for each byte of the tag: either text may have twice the room that it needs.
-const COPIES_OF_NAME: u64 = 2;
+/// Bytes that it takes for the two texts of a name without their characters, in a list that grows.
+const NAME_SIZE: u64 = GROWTH_FACTOR * 2 * STRING_SIZE;
+/// Bytes that it takes for each byte of the tag of a name: either text may have twice the room that it needs.
+const NAME_TAG_FACTOR: u64 = 2;
 /// Elements whose content the library reads into one buffer, without their prefixes.
 const GATHERED: [&[u8]; 6] = [b"annotation", b"definedName", b"is", b"si", b"t", b"v"];
 
@@ -117,11 +116,11 @@ impl<R: BufRead> Tags<R> {
             ));
         }
         let name = local(&self.held[..len]);
-        let own = limits::heap(self.held.len() as u64);
+        let own = allocation_size(self.held.len() as u64);
         if LISTED.contains(&name) {
-            self.listed = self.listed.saturating_add(ENTRY + COPIES * own);
+            self.listed = self.listed.saturating_add(ENTRY_SIZE + LISTED_TAG_FACTOR * own);
         } else if NAMES.contains(&name) {
-            self.listed = self.listed.saturating_add(NAME + COPIES_OF_NAME * own);
+            self.listed = self.listed.saturating_add(NAME_SIZE + NAME_TAG_FACTOR * own);
         }
         if self.gathered.is_none() {
             let own = GATHERED.into_iter().find(|own| *own == name);
@@ -261,9 +260,9 @@ mod tests {
         let listed = |text: &str| counted(text).expect("text").listed;
         assert_eq!(listed("<a><sheets/></a>"), 0);
         let one = listed("<sheet name=\"a\"/>");
-        assert_eq!(one, ENTRY + COPIES * 16);
+        assert_eq!(one, ENTRY_SIZE + LISTED_TAG_FACTOR * 16);
         assert_eq!(listed("<a><x:sheet name=\"a\"></x:sheet><font/></a>"), 2 * one);
-        assert!(listed(&format!("<sheet name=\"{}\"/>", "x".repeat(1000))) > 1000 * COPIES);
+        assert!(listed(&format!("<sheet name=\"{}\"/>", "x".repeat(1000))) > 1000 * LISTED_TAG_FACTOR);
         // Two headers of 24 bytes in a list that grows, and twice its own 32 bytes.
         assert_eq!(listed("<x:definedName name=\"abcde\">S!$A$1</x:definedName>"), 3 * 48 + 2 * 32);
     }
