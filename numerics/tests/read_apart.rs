@@ -34,16 +34,17 @@ const FIRST: u64 = 6100;
 type Read = fn(usize) -> bool;
 
 /// How OP and PV are read: each at scans of its own.
-const READINGS: [(&str, Read, Read); 6] = [
+const READINGS: [(&str, Read, Read); 7] = [
     ("in turns", |k| k.is_multiple_of(2), |k| k % 2 == 1),
     ("OP at every second scan and PV at every third", |k| k.is_multiple_of(2), |k| k.is_multiple_of(3)),
     ("three tags in turns", |k| k.is_multiple_of(3), |k| k % 3 == 1),
     ("OP half as often", |k| k.is_multiple_of(2), |_| true),
+    ("every five scans, OP two scans later", |k| k % 5 == 2, |k| k.is_multiple_of(5)),
     ("blocks of 7", |k| (k / 7).is_multiple_of(2), |k| k / 7 % 2 == 1),
     ("blocks of 100", |k| (k / 100).is_multiple_of(2), |k| k / 100 % 2 == 1),
 ];
 /// The first of them of which no row has both.
-const BLOCKS: usize = 4;
+const BLOCKS: usize = 5;
 
 /// The paper's level loop with this valve.
 fn made(s: f64, noise: f64) -> Loop {
@@ -94,14 +95,17 @@ fn a_sticking_valve_is_not_denied_where_op_and_pv_are_read_apart() {
 fn what_is_read_together_or_held_is_judged_as_ever() {
     let own = made(5.0, 0.02);
     let whole = judge(&own, &own.record);
-    // Half of the scans, both tags at each; and OP read a tenth of a scan later.
+    // Half of the scans, both tags at each; and OP read later in the scan, where its register still holds what PV told.
     let half: Read = |k| k.is_multiple_of(2);
     let together = judge(&own, &read(&own.record, half, half));
     assert_ne!(together.code, "read_apart", "{}", line("together", &own, &together));
     let scan_s = own.record.op[1].t - own.record.op[0].t;
-    let late = own.record.op.iter().map(|s| Sample { t: s.t + 0.1 * scan_s, ..*s }).collect();
-    let said = judge(&own, &Record { op: late, ..own.record.clone() });
-    assert_eq!(said.verdict, whole.verdict, "{}", line("a tenth later", &own, &said));
+    for share in [0.1, 0.3, 0.45] {
+        let late = own.record.op.iter().map(|s| Sample { t: s.t + share * scan_s, ..*s }).collect();
+        let said = judge(&own, &Record { op: late, ..own.record.clone() });
+        assert_eq!(said.verdict, whole.verdict, "{}", line(&format!("{share} later"), &own, &said));
+        assert!(said.sticks() && said.near(whole.f), "{}", line(&format!("{share} later"), &own, &said));
+    }
     // Four polls a scan, which read the two in turns: each register is read twice before it changes.
     let scans = scans(&own.record).expect("one sample a scan");
     let poll = Poll { phase: 0.4, ..Poll::every(0.25 * scan_s) };

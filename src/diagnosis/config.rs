@@ -1,7 +1,7 @@
 //! What the configuration file says about the diagnosis.
 
-use super::Settings;
 use super::screen::LONGEST_DELAY;
+use super::{ReadingLimits, Settings};
 use serde::Deserialize;
 
 /// `[diagnosis]`: thresholds and sizes. The defaults are what every published result uses.
@@ -88,6 +88,7 @@ impl From<&Config> for Settings {
             max_gap_share: config.max_gap_share,
             ts: config.ts_s,
             max_delay: config.max_delay_samples,
+            reading: ReadingLimits::default(),
         }
     }
 }

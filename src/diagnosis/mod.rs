@@ -22,14 +22,14 @@ mod undersampling;
 pub mod validation;
 pub mod verdict;
 
-pub use acquisition::{Acquisition, Apart};
+pub use acquisition::{Acquisition, Apart, ReadingLimits};
 pub use config::Config;
 pub use history_kind::{HistoryFound, HistoryKind};
 pub use verdict::diagnose;
 
 pub use crate::sysid::valve::model_error::{with_model_error, without_model_error};
 
-use crate::signal::Window;
+use crate::signal::{Window, figures};
 use rivals::Rival;
 use std::fmt;
 
@@ -51,6 +51,8 @@ pub struct Settings {
     pub ts: Option<f64>,
     /// Longest process delay searched (samples).
     pub max_delay: usize,
+    /// By which limits OP and PV count as read together.
+    pub reading: ReadingLimits,
 }
 
 impl Default for Settings {
@@ -63,6 +65,7 @@ impl Default for Settings {
             max_gap_share: 0.5,
             ts: None,
             max_delay: 10,
+            reading: ReadingLimits::default(),
         }
     }
 }
@@ -88,6 +91,13 @@ pub enum NotIdentifiable {
     ReadApart {
         /// Share of the rows that are no reading of both (0..1).
         share: f64,
+    },
+    /// Rows closer than the samples were asked for: what stands between two samples is no measurement.
+    TsTooShort {
+        /// The sample period that was asked for (s).
+        ts: f64,
+        /// The interval of the samples, of OP's or PV's the longer (s).
+        samples_s: f64,
     },
     /// OP does not move.
     FlatOp,
@@ -136,11 +146,12 @@ pub enum NotIdentifiable {
 
 impl NotIdentifiable {
     /// Every [`NotIdentifiable::code`].
-    pub const CODES: [&str; 16] = [
+    pub const CODES: [&str; 17] = [
         "too_short",
         "no_time_base",
         "gaps",
         "read_apart",
+        "ts_too_short",
         "flat_op",
         "flat_pv",
         "saturated",
@@ -162,6 +173,7 @@ impl NotIdentifiable {
             Self::NoTimeBase => "no_time_base",
             Self::Gaps { .. } => "gaps",
             Self::ReadApart { .. } => "read_apart",
+            Self::TsTooShort { .. } => "ts_too_short",
             Self::FlatOp => "flat_op",
             Self::FlatPv => "flat_pv",
             Self::Saturated { .. } => "saturated",
@@ -195,6 +207,13 @@ impl fmt::Display for NotIdentifiable {
                 "read apart: OP and PV are not read at the same time in {:.0} % of the rows, and the controller acts in between: read both \
                  in one request",
                 share * 100.0
+            ),
+            Self::TsTooShort { ts, samples_s } => write!(
+                out,
+                "ts too short: rows every {ts} s were asked for, but there is a sample of both tags only every {samples_s} s, and nothing \
+                 is known in between: set ts to {samples_s} or more, or leave it out",
+                ts = figures(*ts),
+                samples_s = figures(*samples_s)
             ),
             Self::FlatOp => write!(out, "flat OP: the controller output does not move"),
             Self::FlatPv => write!(out, "flat PV: the process variable does not move"),
@@ -297,6 +316,8 @@ pub struct Preparation {
     pub worst_skew: f64,
     /// How far apart OP and PV of the gated record's rows were read.
     pub read_apart: Apart,
+    /// By which limits that is too far.
+    pub reading: ReadingLimits,
     /// Samples dropped because their stamp repeats an earlier one.
     pub duplicates: usize,
     /// Samples that arrived out of order and were sorted in.
@@ -320,7 +341,8 @@ impl Preparation {
     /// the controller did in between explains PV without any stem, so that a bound from such rows is too low.
     pub fn apart(&self) -> Option<NotIdentifiable> {
         let Apart { share, .. } = self.read_apart;
-        self.read_apart.is_too_far(self.decimation).then_some(NotIdentifiable::ReadApart { share })
+        let is_too_far = self.read_apart.is_too_far(self.decimation, self.reading);
+        is_too_far.then_some(NotIdentifiable::ReadApart { share })
     }
 }
 

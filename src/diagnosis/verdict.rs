@@ -28,9 +28,6 @@ const LEAST_EXTREMA: usize = 4;
 const LEAST_ROWS: usize = 120;
 /// Loss relative to var(PV) below which PV is taken as fully explained: without noise it is, with OP or without.
 const EXPLAINED: f64 = 1e-6;
-/// The quantile of OP's steps by which the interval of f is widened where the controller's scans are not seen, or where OP and PV
-/// were read apart: OP moves so far in between where it moves fast.
-pub const FAST: f64 = 0.95;
 /// Values of Srinivasan's d tried: it is for comparison only.
 const D_GRID: usize = 60;
 
@@ -197,7 +194,7 @@ fn within(p: &Problem, preparation: &Preparation, cells: &[CellPoint], sticky: &
         return [low, high];
     }
     let steps: Vec<f64> = p.u.windows(2).map(|w| (w[1] - w[0]).abs()).collect();
-    let more = quantile(&steps, FAST) - median(&steps);
+    let more = quantile(&steps, preparation.reading.fast) - median(&steps);
     [(low - more).max(0.0), high + more]
 }
 

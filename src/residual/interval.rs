@@ -14,7 +14,6 @@
 
 use super::hypothesis::Hypothesis;
 use super::valve_search::hidden;
-use crate::diagnosis::verdict::FAST;
 use crate::sysid::arx::Arx;
 use crate::sysid::criterion::TEMPERING;
 use crate::sysid::iddata::IdData;
@@ -33,9 +32,9 @@ const BEYOND: usize = 4;
 
 /// The 95 % interval of f beside the effects (normalised OP); without friction from 0 to what could be hidden.
 ///
-/// `unseen`: whether the controller scanned between the samples. A turn that no sample met then lies beyond both of its
-/// neighbours, by as much as OP moves from one to the next where it moves fast.
-pub fn interval(data: &IdData, hypothesis: &Hypothesis, unseen: bool) -> [f64; 2] {
+/// `fast`: where the controller scanned between the samples, the quantile of OP's steps of those where OP moves fast. A turn that
+/// no sample met then lies beyond both of its neighbours, by as much as OP moves from one to the next there.
+pub fn interval(data: &IdData, hypothesis: &Hypothesis, fast: Option<f64>) -> [f64; 2] {
     let Some(valve) = hypothesis.valve else { return [0.0, hidden(data, hypothesis, THRESHOLD_95)] };
     let (signals, y) = (hypothesis.signals(data), hypothesis.pv(data));
     let arx = Arx::new(data, &y, &signals.shapes);
@@ -75,6 +74,6 @@ pub fn interval(data: &IdData, hypothesis: &Hypothesis, unseen: bool) -> [f64; 2
     };
     let (low, high) = (end(&sides[0]).unwrap_or(0.0), end(&sides[1]).unwrap_or(data.f_max).max(valve.f()));
     let steps: Vec<f64> = data.u.windows(2).map(|w| (w[1] - w[0]).abs()).collect();
-    let step = if unseen { quantile(&steps, FAST) } else { median(&steps) };
+    let step = fast.map_or_else(|| median(&steps), |fast| quantile(&steps, fast));
     with_model_error(valve.f(), [(low - step).max(0.0), high + step])
 }

@@ -77,7 +77,8 @@ impl Question<'_> {
         let apart = diagnosis.preparation.apart();
         let acquisition = diagnosis.preparation.acquisition.as_ref();
         let unseen = apart.is_some() || acquisition.is_some_and(|found| found.unseen_scans());
-        let within = interval(data, &best.hypothesis, unseen).map(|f| f * unit);
+        let fast = unseen.then_some(diagnosis.preparation.reading.fast);
+        let within = interval(data, &best.hypothesis, fast).map(|f| f * unit);
         let sticks = f > settings.f_threshold && evidence > settings.evidence_threshold && within[0] > 0.0;
         let verdict = match &diagnosis.verdict {
             // A stem that PV is not seen to answer may be any signal that happens to look like PV's load.

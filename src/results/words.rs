@@ -221,6 +221,10 @@ fn not_identifiable(code: &str) -> Option<(&'static str, &'static str)> {
             "OP and PV are not read at the same time",
             " Read both in one request, or export both for the same times.",
         ),
+        "ts_too_short" => (
+            "the sample period that was set is shorter than the time between two samples",
+            " Set ts_s, or --ts, to that time or more, or leave it out.",
+        ),
         "flat_op" => {
             ("OP does not move", " Check whether the loop is in manual, and whether this is its OP.")
         }

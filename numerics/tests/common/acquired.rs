@@ -103,9 +103,13 @@ pub fn kinds_of_gaps(percent: usize) -> [(&'static str, Gaps); 3] {
 
 /// What the daemon says of a record.
 pub fn judge(own: &Loop, record: &Record) -> Said {
-    let settings = diagnosis::Settings::default();
-    let d = diagnose(record, &settings);
-    let found = trace_record(record, &d, &settings, &residual::Settings::default());
+    judge_by(own, record, &diagnosis::Settings::default())
+}
+
+/// The same by other settings.
+pub fn judge_by(own: &Loop, record: &Record, settings: &diagnosis::Settings) -> Said {
+    let d = diagnose(record, settings);
+    let found = trace_record(record, &d, settings, &residual::Settings::default());
     let decides = found.as_ref().filter(|f| f.replaces_diagnosis());
     let (verdict, reason) = decides.map_or((&d.verdict, &d.reason), |f| (&f.verdict, &f.reason));
     let declared = d.estimate.as_ref().map(|e| (e.f, e.f_ci95, e.delta_aic));

@@ -1,4 +1,4 @@
-//! By how many rows PV is recorded later than the controller read it.
+//! By how many rows PV is recorded later than the controller read it, and whether OP of a row was computed from PV of that row.
 //!
 //! A controller with an integrator computes the moves of OP from PV and set point of its own scans:
 //!
@@ -17,6 +17,9 @@
 //! ```
 //!
 //! holds for it, but not for a controller, whose OP is a sum over all of PV's past.
+//!
+//! Where the first equation holds almost exactly, and not without the newest PV, both values of a row are of one scan, whenever they
+//! were read: registers are held.
 
 use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, substitute};
 use crate::sysid::stats::mean;
@@ -25,24 +28,41 @@ use crate::sysid::stats::mean;
 const LATEST: usize = 3;
 /// Fewest rows that say anything.
 const LEAST_ROWS: usize = 100;
-/// Part of the moves of OP that the controller may leave unexplained, and of what a row less and a process leave.
+/// Part of the moves of OP that the controller may leave unexplained, and of what a row less and a process leave; and part of them
+/// that PV of one row alone must explain, for OP to tell which row it answers.
 const QUARTER: f64 = 0.25;
-/// Share left unexplained below which a row less, or a process, tells OP well enough: PV is not late.
+/// Share left unexplained below which OP is explained: where a row less or a process leaves no more, PV is not late; where the
+/// controller leaves no more, nothing else moved OP.
 const EXPLAINED: f64 = 1e-3;
 
 /// One tag on rows; `None` where it is missing.
 type Rows<'a> = &'a [Option<f64>];
 
-/// Rows by which PV is recorded late; 0 where nothing shows it.
-pub fn rows_late(op: Rows, pv: Rows, sp: Option<Rows>) -> usize {
-    let left: Vec<Option<Left>> = (0..=LATEST).map(|late| left(op, pv, sp, late)).collect();
+/// What OP tells of the PV that it answers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Answer {
+    /// Rows by which PV is recorded late; 0 where nothing shows it.
+    pub pv_late: usize,
+    /// Whether OP of each row was computed from PV of that row, once PV is moved back: nothing happened between the two readings.
+    pub of_one_scan: bool,
+}
+
+/// What OP tells of the PV that it answers.
+pub fn answer(op: Rows, pv: Rows, sp: Option<Rows>) -> Answer {
+    let left: Vec<Option<Left>> = (0..LATEST + 2).map(|newest| left(op, pv, sp, newest)).collect();
+    // With PV so many rows late, and with PV of the rows before alone.
+    let at = |late: usize| Some((left[late + 1].as_ref()?, left[late].as_ref()?));
     let known = |late: usize| {
-        let (before, own) = (left[late - 1].as_ref()?, left[late].as_ref()?);
+        let (own, before) = at(late)?;
         let others = before.by_controller.min(own.by_process).min(1.0);
         (others > EXPLAINED && own.by_controller < QUARTER * others).then_some((late, own.by_controller))
     };
     let best = (1..=LATEST).filter_map(known).min_by(|a, b| a.1.total_cmp(&b.1));
-    best.map_or(0, |(late, _)| late)
+    let pv_late = best.map_or(0, |(late, _)| late);
+    // A smooth PV is known from the rows before and after, whenever it was read: what PV of this row alone knows must matter.
+    let matters = at(pv_late).is_some_and(|(_, before)| before.by_controller > QUARTER);
+    let of_one_scan = matters && known(pv_late).is_some_and(|(_, own)| own < EXPLAINED);
+    Answer { pv_late, of_one_scan }
 }
 
 /// What both equations leave unexplained, in parts of the moves of OP.
@@ -51,16 +71,16 @@ struct Left {
     by_process: f64,
 }
 
-/// What is left with PV so many rows late; `None` where too few rows say anything. OP that did not move is left out: it may
-/// have been at a limit or in a dead band.
-fn left(op: Rows, pv: Rows, sp: Option<Rows>, late: usize) -> Option<Left> {
-    // The same rows for every `late`, so that the shares compare.
-    let rows = 2..op.len().checked_sub(LATEST)?;
+/// What is left; `None` where too few rows say anything. OP that did not move is left out: it may have been at a limit or in a dead
+/// band. `newest`: how many rows after the one before OP's the newest PV lies that the controller has, so that 1 is OP's own row.
+fn left(op: Rows, pv: Rows, sp: Option<Rows>, newest: usize) -> Option<Left> {
+    // The same rows for every `newest`, so that the shares compare.
+    let rows = 3..op.len().checked_sub(LATEST)?;
     let (mut columns, mut outputs, mut moves) = (vec![Vec::new(); 5], Vec::new(), Vec::new());
     for k in rows {
         let all = || {
             let own = op[k]?;
-            let pv = [pv[k + late]?, pv[k + late - 1]?, pv[k + late - 2]?];
+            let pv = [pv[k + newest - 1]?, pv[k + newest - 2]?, pv[k + newest - 3]?];
             let sp = match sp {
                 Some(sp) => [sp[k]?, sp[k - 1]?],
                 None => [0.0; 2],
@@ -129,6 +149,36 @@ mod tests {
         (0..pv.len()).map(|k| pv[k.saturating_sub(rows)]).collect()
     }
 
+    fn rows_late(op: Rows, pv: Rows, sp: Option<Rows>) -> usize {
+        answer(op, pv, sp).pv_late
+    }
+
+    /// Every `pace`-th row from row `from` on.
+    fn every(rows: Rows, pace: usize, from: usize) -> Vec<Option<f64>> {
+        rows.iter().skip(from).step_by(pace).copied().collect()
+    }
+
+    #[test]
+    fn op_of_a_row_tells_whether_it_was_computed_from_its_pv() {
+        for seed in 0..20 {
+            let (op, pv) = pi(3000, seed);
+            let of_one_scan = |op: Rows, pv: Rows| answer(op, pv, None).of_one_scan;
+            assert!(of_one_scan(&op, &pv), "seed {seed}");
+            // Read beyond the next scan, OP answers the PV of the next row, and PV is moved back.
+            let moved = Answer { pv_late: 1, of_one_scan: true };
+            assert_eq!(answer(&op, &later(&pv, 1), None), moved, "seed {seed}");
+            // Of the scan before it answers PV of earlier rows alone.
+            assert!(!of_one_scan(&later(&op, 1), &pv), "seed {seed}");
+            // With scans between the rows, OP answers PVs that are in none of them.
+            for (pace, after) in [(2, 1), (5, 2), (5, 4)] {
+                assert!(
+                    !of_one_scan(&every(&op, pace, after), &every(&pv, pace, 0)),
+                    "{pace} {after} {seed}"
+                );
+            }
+        }
+    }
+
     #[test]
     fn the_controller_tells_how_late_pv_is() {
         for seed in 0..20 {
@@ -163,6 +213,7 @@ mod tests {
             for delay in 1..=LATEST {
                 assert_eq!(rows_late(&u, &later(&pv, delay), None), 0, "{pole} {zero} {noise} {delay}");
             }
+            assert!(!answer(&u, &pv, None).of_one_scan, "{pole} {zero} {noise}");
         }
     }
 
@@ -172,6 +223,6 @@ mod tests {
         assert_eq!(rows_late(&op, &later(&pv, 1), None), 0);
         assert_eq!(rows_late(&[], &[], None), 0);
         assert_eq!(rows_late(&[Some(1.0); 300], &[Some(2.0); 300], Some(&[Some(2.0); 300])), 0);
-        assert_eq!(rows_late(&[None; 300], &[None; 300], None), 0);
+        assert_eq!(answer(&[None; 300], &[None; 300], None), Answer::default());
     }
 }

@@ -1,6 +1,7 @@
 //! Stamps on equal rows: their period, their phase, and how far they are off.
 
 use super::EXACT;
+use super::limits::ReadingLimits;
 use crate::signal::Sample;
 use crate::sysid::stats::{mean, median};
 
@@ -93,7 +94,7 @@ pub fn period(series: &[Sample]) -> Option<f64> {
 
 /// The scans whose stamps OP and PV carry: both on one lattice, to within rounding, and each tag without the samples that
 /// repeat the one before.
-pub fn of_source(op: &[Sample], pv: &[Sample]) -> Option<Lattice> {
+pub fn of_source(op: &[Sample], pv: &[Sample], limits: ReadingLimits) -> Option<Lattice> {
     let mut both: Vec<Sample> = op.iter().chain(pv).copied().collect();
     both.sort_by(|a, b| a.t.total_cmp(&b.t));
     both.dedup_by(|later, earlier| later.t == earlier.t);
@@ -109,7 +110,8 @@ pub fn of_source(op: &[Sample], pv: &[Sample]) -> Option<Lattice> {
     let lattice = tried.find(|lattice| !far(lattice))?;
     let thinned = |series: &[Sample]| series.len() as f64 <= ON_CHANGE * both.len() as f64;
     let is_source = of_changes(op) && of_changes(pv) && (thinned(op) || thinned(pv));
-    let polled = in_turns(op, pv, both.len(), &lattice) || [op, pv].iter().any(|tag| in_step(tag, &lattice));
+    let polled =
+        in_turns(op, pv, both.len(), &lattice) || [op, pv].iter().any(|tag| in_step(tag, &lattice, limits));
     (is_source && !polled && apart(op, &lattice) && apart(pv, &lattice)).then_some(lattice)
 }
 
@@ -119,9 +121,11 @@ fn of_changes(series: &[Sample]) -> bool {
 }
 
 /// Whether only a tag's changes were reported, so that it stood still at the rows without a sample: none repeats the one before,
-/// none is small, and they come at no pace of their own.
-pub fn reports_changes(series: &[Sample], lattice: &Lattice) -> bool {
-    of_changes(series) && !in_step(series, lattice) && apart(series, lattice)
+/// none is small, and they come at no pace of their own. Rows of a given period need not be a whole number of times as fast.
+pub fn reports_changes(series: &[Sample], lattice: &Lattice, limits: ReadingLimits) -> bool {
+    let own = period(series).map_or(1.0, |own| own / lattice.period);
+    let polled = in_step(series, lattice, limits) || at_pace(&row_steps(series, lattice), own, limits);
+    of_changes(series) && !polled && apart(series, lattice)
 }
 
 /// Whether OP and PV have a stamp in common more seldom than chance gives: a controller whose OP and PV change reports both at
@@ -135,19 +139,26 @@ fn in_turns(op: &[Sample], pv: &[Sample], stamps: usize, lattice: &Lattice) -> b
 }
 
 /// Whether a tag has samples at every second, third, … scan alone: it was read at that pace, and may have changed in between.
-fn in_step(series: &[Sample], lattice: &Lattice) -> bool {
-    let steps: Vec<i64> =
-        series.windows(2).map(|w| (lattice.row(w[1].t) - lattice.row(w[0].t)).round() as i64).collect();
-    let multiples = |pace: i64| steps.iter().filter(|step| *step % pace == 0).count();
-    (2..=SLOWEST).any(|pace| multiples(pace) as f64 >= IN_STEP * steps.len() as f64)
+fn in_step(series: &[Sample], lattice: &Lattice, limits: ReadingLimits) -> bool {
+    let steps = row_steps(series, lattice);
+    (2..=SLOWEST).any(|pace| at_pace(&steps, f64::from(pace), limits))
+}
+
+/// Whether steps are multiples of a pace, to the row (rows).
+fn at_pace(steps: &[f64], pace: f64, limits: ReadingLimits) -> bool {
+    let multiples = steps.iter().filter(|step| (**step - (**step / pace).round() * pace).abs() < 0.5).count();
+    multiples as f64 >= limits.in_step * steps.len() as f64
+}
+
+/// The steps from sample to sample (rows).
+fn row_steps(series: &[Sample], lattice: &Lattice) -> Vec<f64> {
+    series.windows(2).map(|w| (w[1].t - w[0].t) / lattice.period).collect()
 }
 
 /// Standard deviations by which common stamps are fewer than by chance, where tags are read in turns.
 const SELDOM: f64 = 3.0;
 /// Largest number of scans from one sample to the next of a tag that is read more slowly than the controller scans.
-const SLOWEST: i64 = 60;
-/// Share of the steps of such a tag that are multiples of its pace: a change comes at any scan.
-const IN_STEP: f64 = 0.95;
+const SLOWEST: i32 = 60;
 
 /// Largest share of the scans at which a tag has a sample, where only its changes were reported.
 const ON_CHANGE: f64 = 0.95;

@@ -7,11 +7,13 @@
 
 mod late;
 mod lattice;
+mod limits;
 mod place;
 mod scan;
 
-pub use late::rows_late;
+pub use late::{Answer, answer};
 pub use lattice::period;
+pub use limits::ReadingLimits;
 pub use place::{Apart, Placed};
 
 use super::history_kind::{HistoryFound, HistoryKind};
@@ -82,33 +84,35 @@ fn seconds(seconds: f64) -> String {
 ///
 /// `ts`: the period of the rows, where it is given; then no scan is looked for.
 /// `history`: what an archive did to the record.
+/// `limits`: those by which OP and PV count as read together.
 pub fn recognise(
     op: &[Sample],
     pv: &[Sample],
     ts: Option<f64>,
     history: Option<&HistoryFound>,
+    limits: ReadingLimits,
 ) -> Option<(Acquisition, Placed)> {
     let polled = Lattice::of(pv)?;
     let mut found =
         Acquisition { poll_s: Some(polled.period), jitter_s: Some(polled.jitter), ..Acquisition::default() };
     if let Some(ts) = ts {
-        return Some((found, Placed::on(Lattice { period: ts, ..polled }, op, pv)));
+        return Some((found, Placed::on(Lattice { period: ts, ..polled }, op, pv, limits)));
     }
     let enough = op.len().min(pv.len()) >= LEAST && polled.jitter < ON_LATTICE * polled.period;
     if let Some(scan) = scan::recognise(op, pv, &polled).filter(|_| enough) {
         found.scan_s = Some(scan.period);
         found.polls_per_scan = Some(scan.period / polled.period);
         found.recovered = true;
-        return Some((found, Placed::on_ticks(&scan)));
+        return Some((found, Placed::on_ticks(&scan, limits)));
     }
     // What a dead band left out may have changed by as much: those rows are missing.
     let all_changes = history.is_none_or(|found| found.kind != HistoryKind::Exception);
-    if let Some(source) = lattice::of_source(op, pv).filter(|_| all_changes) {
+    if let Some(source) = lattice::of_source(op, pv, limits).filter(|_| all_changes) {
         found.scan_s = Some(source.period);
         found.recovered = true;
-        return Some((found, Placed::on_source(source)));
+        return Some((found, Placed::on_source(source, limits)));
     }
-    Some((found, Placed::on(polled, op, pv)))
+    Some((found, Placed::on(polled, op, pv, limits)))
 }
 
 #[cfg(test)]

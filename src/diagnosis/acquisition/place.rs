@@ -1,6 +1,7 @@
 //! On which rows the samples of a record lie.
 
 use super::lattice::{Lattice, period, reports_changes};
+use super::limits::ReadingLimits;
 use super::scan::Scan;
 use crate::signal::Sample;
 
@@ -10,25 +11,21 @@ const NEAR_SCAN: f64 = 0.06;
 const OWN_PERIOD: f64 = 0.1;
 /// Own periods for which a slower tag is held.
 const HELD_FOR: f64 = 1.6;
-/// Share of the rows that may be read apart in a record that says no: with one in four the others still decide.
-const MOST_READ_APART: f64 = 0.25;
-/// Part of a row's period by which OP and PV of one row are read apart: the controller has most likely acted in between.
-const APART: f64 = 0.25;
 
 /// How far apart OP and PV of the rows were read.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Apart {
     /// Share of the rows with OP and PV that are no reading of both at one time (0..1).
     pub share: f64,
-    /// Distance that a quarter of these rows reach (rows).
+    /// Distance that so many of these rows reach as a record may have that says no (rows).
     pub rows: f64,
 }
 
 impl Apart {
     /// Whether they are too far for a record that says no, of which each fitted row has so many: readings that are far apart for a
     /// fast poll are near each other in a row of many polls.
-    pub fn is_too_far(&self, decimation: usize) -> bool {
-        self.rows >= APART * decimation.max(1) as f64
+    pub fn is_too_far(&self, decimation: usize, limits: ReadingLimits) -> bool {
+        self.rows >= limits.apart * decimation.max(1) as f64
     }
 }
 
@@ -52,23 +49,31 @@ pub struct Placed {
     pv: Way,
     /// Rows by which PV is recorded later than the controller read it.
     pub pv_late: usize,
+    /// Whether OP of each row was computed from PV of that row, whenever the two were read.
+    pub of_one_scan: bool,
+    limits: ReadingLimits,
 }
 
 impl Placed {
     /// On the rows of the polls, or of a period that was given.
-    pub fn on(rows: Lattice, op: &[Sample], pv: &[Sample]) -> Self {
-        Self { rows, op: way(&rows, op), pv: way(&rows, pv), pv_late: 0 }
+    pub fn on(rows: Lattice, op: &[Sample], pv: &[Sample], limits: ReadingLimits) -> Self {
+        Self::by([way(&rows, op), way(&rows, pv)], rows, limits)
     }
 
     /// On the controller's ticks.
-    pub fn on_ticks(scan: &Scan) -> Self {
+    pub fn on_ticks(scan: &Scan, limits: ReadingLimits) -> Self {
         let rows = Lattice { t0: scan.phases[0], period: scan.period, jitter: 0.0 };
-        Self { rows, op: Way::Scan(0.0), pv: Way::Scan(scan.phases[1] - scan.phases[0]), pv_late: 0 }
+        Self::by([Way::Scan(0.0), Way::Scan(scan.phases[1] - scan.phases[0])], rows, limits)
     }
 
     /// On the scans whose stamps the samples carry: what is not reported has not changed.
-    pub fn on_source(rows: Lattice) -> Self {
-        Self { rows, op: Way::Held(f64::INFINITY), pv: Way::Held(f64::INFINITY), pv_late: 0 }
+    pub fn on_source(rows: Lattice, limits: ReadingLimits) -> Self {
+        Self::by([Way::Held(f64::INFINITY); 2], rows, limits)
+    }
+
+    /// OP's way and PV's.
+    fn by([op, pv]: [Way; 2], rows: Lattice, limits: ReadingLimits) -> Self {
+        Self { rows, op, pv, pv_late: 0, of_one_scan: false, limits }
     }
 
     /// OP's value on `n` rows from row `from` on; `None` where it is missing.
@@ -97,6 +102,17 @@ impl Placed {
         period(kept).is_some_and(|own| own > (1.0 + OWN_PERIOD) * self.rows.period)
     }
 
+    /// The longer of the intervals at which OP and PV were read (s), where the rows are closer than PV was read: between two
+    /// readings of a tag nothing is known of it, unless only its changes are reported.
+    pub fn coarser_readings(&self, op: &[Sample], pv: &[Sample]) -> Option<f64> {
+        let carried = |way: Way, kept: &[Sample]| {
+            let held = matches!(way, Way::Held(longest) if longest.is_finite());
+            period(kept).filter(|_| held && !reports_changes(kept, &self.rows, self.limits))
+        };
+        let of_pv = carried(self.pv, pv)?;
+        Some(carried(self.op, op).map_or(of_pv, |of_op| of_op.max(of_pv)))
+    }
+
     fn placed(&self, way: Way, kept: &[Sample], from: i64, n: usize) -> Vec<Option<f64>> {
         match way {
             Way::Nearest(late) => self.nearest(late, kept, from, n),
@@ -106,12 +122,15 @@ impl Placed {
     }
 
     /// How far the readings of OP and PV of one row are from each other, or PV from its row where it is one that an earlier row has;
-    /// nothing on the controller's ticks, where registers are held.
+    /// nothing where both are of one scan, because registers are held: on the controller's ticks, and where OP tells so.
     ///
     /// Between the two readings the controller may have acted. Where OP was read later, it answers a PV that is not in the
     /// record, so that OP seems to cause PV exactly; where it was read earlier, PV answers within the row.
     pub fn read_apart(&self, op: &[Sample], pv: &[Sample], from: i64, n: usize) -> Apart {
-        if self.of_changes() || matches!(self.pv, Way::Scan(_)) {
+        // A value that is carried on to another row was not read there, whatever it was computed from.
+        let each_is_read = matches!((self.op, self.pv), (Way::Nearest(_), Way::Nearest(_)));
+        let on_ticks = self.of_changes() || matches!(self.pv, Way::Scan(_));
+        if on_ticks || (self.of_one_scan && each_is_read) {
             return Apart::default();
         }
         let period = self.rows.period;
@@ -122,7 +141,7 @@ impl Placed {
             let stamps: Vec<Sample> = kept.iter().map(|s| Sample { value: s.t - before, ..*s }).collect();
             let placed = self.placed(way, &stamps, from + late as i64, n).into_iter().enumerate();
             // What is reported when it changes is known at every row.
-            let known = matches!(way, Way::Held(_)) && reports_changes(kept, &self.rows);
+            let known = matches!(way, Way::Held(_)) && reports_changes(kept, &self.rows, self.limits);
             placed.map(|(k, t)| if known { t.map(|_| row(k)) } else { t }).collect()
         };
         let (op, pv) = (read(self.op, op, 0), read(self.pv, pv, self.pv_late));
@@ -136,8 +155,8 @@ impl Placed {
         let mut rows: Vec<f64> =
             both.filter_map(|(k, (op, pv))| Some(distance((k, (*op)?, (*pv)?)))).collect();
         rows.sort_by(f64::total_cmp);
-        let apart = rows.len() - rows.partition_point(|rows| *rows < APART);
-        let most = ((1.0 - MOST_READ_APART) * rows.len() as f64) as usize;
+        let apart = rows.len() - rows.partition_point(|rows| *rows < self.limits.apart);
+        let most = ((1.0 - self.limits.most_read_apart) * rows.len() as f64) as usize;
         Apart { share: apart as f64 / rows.len().max(1) as f64, rows: rows.get(most).copied().unwrap_or(0.0) }
     }
 

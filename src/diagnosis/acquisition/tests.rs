@@ -13,10 +13,15 @@ fn scans(n: usize, scan_s: f64) -> Scans {
     }
 }
 
+/// What is recognised by the usual limits.
+fn recognised(op: &[Sample], pv: &[Sample], ts: Option<f64>) -> Option<(Acquisition, Placed)> {
+    recognise(op, pv, ts, None, ReadingLimits::default())
+}
+
 /// What is recognised of a polled record, and OP and PV on its rows.
 fn seen(scans: &Scans, how: &How, seed: u64) -> (Acquisition, [Vec<Option<f64>>; 2]) {
     let record = acquire(scans, how, seed);
-    let (found, placed) = recognise(&record.op, &record.pv, None, None).expect("stamps give a period");
+    let (found, placed) = recognised(&record.op, &record.pv, None).expect("stamps give a period");
     let from = placed.row_of(record.pv[0].t) as i64;
     let n = (placed.row_of(record.pv[record.pv.len() - 1].t) as i64 - from + 1) as usize;
     (found, [placed.op(&record.op, from, n), placed.pv(&record.pv, from, n)])
@@ -132,7 +137,7 @@ fn changes_with_the_controllers_stamps_are_held_exactly() {
 fn a_slower_tag_is_held_between_its_samples() {
     let pv: Vec<Sample> = (0..100).map(|k| Sample::good(f64::from(k), f64::from(k))).collect();
     let op: Vec<Sample> = (0..50).map(|k| Sample::good(f64::from(2 * k), f64::from(k))).collect();
-    let (_, placed) = recognise(&op, &pv, None, None).expect("stamps");
+    let (_, placed) = recognised(&op, &pv, None).expect("stamps");
     let values = |rows: Vec<Option<f64>>| rows.into_iter().map(|v| v.expect("held")).collect::<Vec<f64>>();
     assert_eq!(values(placed.op(&op, 4, 4)), [2.0, 2.0, 3.0, 3.0]);
 }
@@ -155,7 +160,7 @@ fn what_is_read_in_turns_is_no_change_that_a_controller_reports() {
     ];
     for (name, op, pv, expected) in readings {
         let (op, pv) = (tag(op), tag(pv));
-        let (found, placed) = recognise(&op, &pv, None, None).expect("stamps give a period");
+        let (found, placed) = recognised(&op, &pv, None).expect("stamps give a period");
         assert!(!found.recovered, "{name}");
         // Of blocks no row has both.
         let apart = placed.read_apart(&op, &pv, 0, 280).share;
@@ -163,12 +168,51 @@ fn what_is_read_in_turns_is_no_change_that_a_controller_reports() {
     }
     // Rows that are asked for between the samples have no reading of their own.
     let (op, pv) = (tag(|_| true), tag(|_| true));
-    let (_, placed) = recognise(&op, &pv, Some(0.5), None).expect("a period is given");
+    let (_, placed) = recognised(&op, &pv, Some(0.5)).expect("a period is given");
     assert!((placed.read_apart(&op, &pv, 0, 280).share - 0.5).abs() < 0.01);
     // A tenth of a period hardly leaves the controller time to act.
-    let late: Vec<Sample> = op.iter().map(|s| Sample { t: s.t + 0.1, ..*s }).collect();
-    let (_, placed) = recognise(&late, &pv, None, None).expect("stamps give a period");
+    let later = |by: f64| -> Vec<Sample> { op.iter().map(|s| Sample { t: s.t + by, ..*s }).collect() };
+    let late = later(0.1);
+    let (_, placed) = recognised(&late, &pv, None).expect("stamps give a period");
     assert_eq!(placed.read_apart(&late, &pv, 0, 280).share, 0.0);
+    // Four tenths do, unless OP tells that it did not act.
+    let late = later(0.4);
+    let (_, mut placed) = recognised(&late, &pv, None).expect("stamps give a period");
+    assert_eq!(placed.read_apart(&late, &pv, 0, 280).share, 1.0);
+    placed.of_one_scan = true;
+    assert_eq!(placed.read_apart(&late, &pv, 0, 280).share, 0.0);
+    // That OP was computed from PV of its row says nothing of the rows that it is carried on to.
+    let half: Vec<Sample> = op.iter().step_by(2).copied().collect();
+    let (_, mut placed) = recognised(&half, &pv, None).expect("stamps give a period");
+    placed.of_one_scan = true;
+    assert!((placed.read_apart(&half, &pv, 0, 280).share - 0.5).abs() < 0.01);
+}
+
+#[test]
+fn rows_that_are_closer_than_readings_are_told_with_the_interval_of_the_readings() {
+    let every = |pace: usize| -> Vec<Sample> {
+        (0..900).step_by(pace).map(|k| Sample::good(k as f64, k as f64)).collect()
+    };
+    let coarser = |op: &[Sample], pv: &[Sample], ts: f64| {
+        let (_, placed) = recognised(op, pv, Some(ts)).expect("a period is given");
+        placed.coarser_readings(op, pv)
+    };
+    let (one, two, five) = (every(1), every(2), every(5));
+    // A whole number of rows from reading to reading or not, whatever the ramp looks like.
+    for ts in [0.01, 0.3, 0.45, 0.5, 0.8] {
+        assert_eq!(coarser(&one, &one, ts), Some(1.0), "{ts}");
+        assert_eq!(coarser(&one, &two, ts), Some(2.0), "{ts}");
+        assert_eq!(coarser(&five, &two, ts), Some(5.0), "{ts}");
+    }
+    for ts in [0.95, 1.0, 2.0, 7.0] {
+        assert_eq!(coarser(&one, &one, ts), None, "{ts}");
+    }
+    // Each row has a PV of its own; that OP is carried on is another matter.
+    assert_eq!(coarser(&five, &one, 1.0), None);
+    // Without a sample, a tag whose changes alone are reported has not changed.
+    let changes: Vec<Sample> =
+        (0..900).filter(|k| matches!(k % 7, 0 | 3 | 5)).map(|k| Sample::good(k as f64, k as f64)).collect();
+    assert_eq!(coarser(&changes, &changes, 1.0), None);
 }
 
 #[test]
@@ -183,7 +227,7 @@ fn an_op_that_is_reported_when_it_changes_is_known_at_every_scan() {
         let up = if (k / 40).is_multiple_of(2) { 0.1 } else { -0.1 };
         op.push(Sample::good(t(k), op[op.len() - 1].value + up));
     }
-    let (_, placed) = recognise(&op, &pv, None, None).expect("stamps give a period");
+    let (_, placed) = recognised(&op, &pv, None).expect("stamps give a period");
     let apart = placed.read_apart(&op, &pv, 0, 880);
     assert!(apart.share < 0.01, "{apart:?}");
     // Samples of a ramp that were lost are no changes that were not there: now and then OP says the same twice.
@@ -192,7 +236,7 @@ fn an_op_that_is_reported_when_it_changes_is_known_at_every_scan() {
     for k in (20..lost.len()).step_by(20) {
         lost[k].value = lost[k - 1].value;
     }
-    let (_, placed) = recognise(&lost, &pv, None, None).expect("stamps give a period");
+    let (_, placed) = recognised(&lost, &pv, None).expect("stamps give a period");
     let apart = placed.read_apart(&lost, &pv, 0, 880);
     assert!(apart.share > 0.3, "{apart:?}");
 }
@@ -210,7 +254,7 @@ fn registers_that_are_held_may_be_read_in_turns() {
     };
     nth(&mut record.op, 1);
     nth(&mut record.pv, 0);
-    let (found, placed) = recognise(&record.op, &record.pv, None, None).expect("stamps give a period");
+    let (found, placed) = recognised(&record.op, &record.pv, None).expect("stamps give a period");
     assert!(found.recovered);
     let from = placed.row_of(record.pv[0].t) as i64;
     let rows = [placed.op(&record.op, from, 390), placed.pv(&record.pv, from, 390)];
@@ -248,10 +292,10 @@ fn the_sentence_is_said_where_it_matters() {
 #[test]
 fn rubbish_is_no_panic() {
     let same = vec![Sample::good(5.0, 1.0); 300];
-    assert!(recognise(&same, &same, None, None).is_none());
-    assert!(recognise(&[], &[], None, None).is_none());
+    assert!(recognised(&same, &same, None).is_none());
+    assert!(recognised(&[], &[], None).is_none());
     let wild: Vec<Sample> = (0..300).map(|k| Sample::good(f64::from(k).powi(40), f64::from(k % 2))).collect();
-    let _ = recognise(&wild, &wild, None, None);
+    let _ = recognised(&wild, &wild, None);
     let far = [Sample::good(0.0, 1.0), Sample::good(1e300, 2.0), Sample::good(2e300, 2.0)];
-    let _ = recognise(&far, &far, None, None);
+    let _ = recognised(&far, &far, None);
 }

@@ -11,7 +11,7 @@ mod stretches;
 
 pub use crate::signal::outages;
 
-use super::acquisition::{self, Acquisition, Placed};
+use super::acquisition::{self, Acquisition, Answer, Placed};
 use super::history_kind::{HistoryKind, recognise};
 use super::{NotIdentifiable, Preparation, Settings};
 use crate::signal::{Record, Row, Sample, Window};
@@ -35,7 +35,7 @@ pub type Gated = Result<(Window, Preparation), Box<(NotIdentifiable, Preparation
 /// # Errors
 /// The reason why the record says nothing about the valve, with what was learned of it on the way.
 pub fn gate(record: &Record, settings: &Settings) -> Gated {
-    let mut preparation = Preparation { decimation: 1, ..Preparation::default() };
+    let mut preparation = Preparation { decimation: 1, reading: settings.reading, ..Preparation::default() };
     let op = clean(&record.input(), Zero::DropOut, &mut preparation);
     let pv = clean(&record.pv, Zero::DropOut, &mut preparation);
     preparation.history = recognise(&op.kept, &pv.kept).map(Box::new);
@@ -49,7 +49,8 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
     let given = settings.ts.filter(|ts| !(ts.is_finite() && *ts > 0.0));
     let history = preparation.history.as_deref();
     let Some((acquired, mut placed)) =
-        acquisition::recognise(&op.kept, &pv.kept, settings.ts, history).filter(|_| given.is_none())
+        acquisition::recognise(&op.kept, &pv.kept, settings.ts, history, settings.reading)
+            .filter(|_| given.is_none())
     else {
         return stop(NotIdentifiable::NoTimeBase, &preparation);
     };
@@ -59,6 +60,12 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
     }
     let ts = placed.rows.period;
     preparation.acquisition = Some(Box::new(acquired));
+    // A reading that several rows repeat would count as several.
+    if let Some(asked) = settings.ts
+        && let Some(samples_s) = placed.coarser_readings(&op.kept, &pv.kept)
+    {
+        return stop(NotIdentifiable::TsTooShort { ts: asked, samples_s }, &preparation);
+    }
     let stretches = match stretches_of(record, &placed, &op.kept, &pv.kept, need) {
         Ok(stretches) => stretches,
         Err(reason) => return stop(reason, &preparation),
@@ -77,7 +84,8 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
     }
     let there = (within(&op.kept, from, to), within(&pv.kept, from, to));
     let (first, rows) = (placed.row_of(from) as i64, rows.max(0.0) as usize);
-    placed.pv_late = rows_late(record, &placed, there, first, rows);
+    let told = answer(record, &placed, there, first, rows);
+    (placed.pv_late, placed.of_one_scan) = (told.pv_late, told.of_one_scan);
     let pv_late_s = placed.pv_late as f64 * ts;
     preparation.acquisition = Some(Box::new(Acquisition { pv_late_s, ..acquired }));
     preparation.read_apart = placed.read_apart(there.0, there.1, first, rows);
@@ -154,21 +162,15 @@ fn stretches_of(
     Ok(stretches)
 }
 
-/// Rows by which PV is late, by what the controller computed: OP without what write-back added to it.
-fn rows_late(
-    record: &Record,
-    placed: &Placed,
-    (op, pv): (&[Sample], &[Sample]),
-    from: i64,
-    n: usize,
-) -> usize {
+/// What the controller computed of which PV: OP without what write-back added to it.
+fn answer(record: &Record, placed: &Placed, (op, pv): (&[Sample], &[Sample]), from: i64, n: usize) -> Answer {
     let own = |(k, value): (usize, Option<f64>)| {
         value.map(|value| value - record.term_at(placed.rows.time((from + k as i64) as f64)))
     };
     let op: Vec<Option<f64>> = placed.op(op, from, n).into_iter().enumerate().map(own).collect();
     let sp = record.sp.as_deref().and_then(|sp| set_point(sp, placed, from, &vec![false; n]));
     let sp: Option<Vec<Option<f64>>> = sp.map(|values| values.into_iter().map(Some).collect());
-    acquisition::rows_late(&op, &placed.pv(pv, from, n), sp.as_deref())
+    acquisition::answer(&op, &placed.pv(pv, from, n), sp.as_deref())
 }
 
 /// The window of `n` rows from row `from` on, without missing rows at its ends.

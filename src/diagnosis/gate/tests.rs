@@ -104,6 +104,60 @@ fn tags_that_are_read_apart_are_told() {
 }
 
 #[test]
+fn a_sample_period_below_that_of_the_samples_is_told_with_both() {
+    let record = wave(600, 2.0);
+    let with = |record: &Record, ts: f64| gate(record, &Settings { ts: Some(ts), ..Settings::default() });
+    // Also where there would be so many rows that hardly any has a sample.
+    for ts in [0.01, 0.7, 1.0, 1.6] {
+        let (reason, p) = *with(&record, ts).expect_err("refused");
+        assert_eq!(reason, NotIdentifiable::TsTooShort { ts, samples_s: 2.0 });
+        assert!(reason.to_string().contains(&format!("rows every {ts} s")), "{reason}");
+        assert!(reason.to_string().contains("set ts to 2 or more"), "{reason}");
+        assert_eq!(p.acquisition.expect("told").poll_s, Some(2.0));
+    }
+    for ts in [2.0, 4.0] {
+        let (w, p) = with(&wave(900, 2.0), ts).expect("passes");
+        assert_eq!((w.ts, p.apart()), (ts, None));
+    }
+    // The slower of both says what to set.
+    let mut slower = wave(1200, 1.0);
+    slower.op.retain(|s| s.t % 5.0 == 0.0);
+    slower.pv.retain(|s| s.t % 2.0 == 0.0);
+    let (reason, _) = *with(&slower, 1.0).expect_err("refused");
+    assert_eq!(reason, NotIdentifiable::TsTooShort { ts: 1.0, samples_s: 5.0 });
+    assert!(with(&slower, 5.0).is_ok());
+}
+
+#[test]
+fn op_that_is_read_later_in_the_scan_is_of_one_scan_where_it_answers_pv_of_its_row() {
+    // PV that no other row tells, and OP that a PI controller computes of it or that answers PVs between the rows, too.
+    let noise = |k: usize| ((k * k * 37 + k * 11) % 101) as f64 / 101.0 - 0.5;
+    let pv = |k: usize| 50.0 + 2.0 * (k as f64 * 0.1).sin() + noise(k);
+    let record = |scans_a_row: usize, op_after: usize, later_s: f64| {
+        let (mut integral, mut record) = (0.0, Record::default());
+        for k in 0..600 * scans_a_row {
+            integral += 0.1 * (50.0 - pv(k));
+            let row = |scan: usize| k % scans_a_row == scan;
+            let t = (k / scans_a_row) as f64;
+            if row(0) {
+                record.pv.push(Sample::good(t, pv(k)));
+            }
+            if row(op_after) {
+                record.op.push(Sample::good(t + later_s, 40.0 + 0.8 * (50.0 - pv(k)) + integral));
+            }
+        }
+        record
+    };
+    for later_s in [0.3, 0.4, 0.48] {
+        let (_, p) = gate(&record(1, 0, later_s), &Settings::default()).expect("passes");
+        assert_eq!((p.read_apart.share, p.apart()), (0.0, None), "{later_s}");
+        // The same stamps, but the controller scans five times a row.
+        let (_, p) = gate(&record(5, 2, later_s), &Settings::default()).expect("passes");
+        assert_eq!(p.apart(), Some(NotIdentifiable::ReadApart { share: 1.0 }), "{later_s}");
+    }
+}
+
+#[test]
 fn a_long_hole_leaves_the_longer_side() {
     let mut record = wave(800, 1.0);
     record.op.drain(300..400);

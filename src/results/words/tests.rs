@@ -9,7 +9,7 @@ fn verdict(outcome: &'static str, f: Option<f64>, f_high: Option<f64>) -> Verdic
 }
 
 /// Why nothing can be said, all of it.
-fn reasons() -> [NotIdentifiable; 16] {
+fn reasons() -> [NotIdentifiable; 17] {
     [
         NotIdentifiable::NoTimeBase,
         NotIdentifiable::FlatOp,
@@ -22,6 +22,7 @@ fn reasons() -> [NotIdentifiable; 16] {
         NotIdentifiable::TooShort { n: 0, need: 1 },
         NotIdentifiable::Gaps { share: 1.0 },
         NotIdentifiable::ReadApart { share: 1.0 },
+        NotIdentifiable::TsTooShort { ts: 0.5, samples_s: 1.0 },
         NotIdentifiable::Saturated { share: 1.0 },
         NotIdentifiable::Manual { share_auto: 0.0 },
         NotIdentifiable::NotExcited { reversals: 0 },

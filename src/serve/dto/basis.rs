@@ -81,6 +81,8 @@ impl From<&Basis> for BasisText {
             max_gap_share,
             ts,
             max_delay,
+            // No configuration has other limits.
+            reading: _,
         } = basis.settings;
         Self {
             settings: SettingsText {

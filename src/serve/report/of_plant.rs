@@ -40,11 +40,12 @@ pub fn of_plant(items: &[LoopItem], now: Option<&str>) -> String {
 }
 
 /// Why nothing can be told of a valve, in a few words; the page has the same in its tiles.
-const REASONS: [(&str, &str); 16] = [
+const REASONS: [(&str, &str); 17] = [
     ("too_short", "too little data"),
     ("no_time_base", "no time base"),
     ("gaps", "data missing"),
     ("read_apart", "OP and PV read apart"),
+    ("ts_too_short", "ts_s too short"),
     ("flat_op", "OP stands still"),
     ("flat_pv", "PV stands still"),
     ("saturated", "OP at a limit"),

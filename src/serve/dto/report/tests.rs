@@ -1,7 +1,7 @@
 use super::*;
 use crate::diagnosis::{
     Acquisition, Apart, CurvePoint, Denoise, Estimate, Model, NotIdentifiable, Oscillation, Preparation,
-    Residual,
+    ReadingLimits, Residual,
 };
 use crate::residual::Kind;
 use crate::signal::Window;
@@ -27,6 +27,7 @@ fn sticky(op: Vec<f64>) -> Diagnosis {
             })),
             worst_skew: 0.0,
             read_apart: Apart::default(),
+            reading: ReadingLimits::default(),
             duplicates: 0,
             out_of_order: 0,
             decimation: 1,
