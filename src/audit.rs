@@ -13,11 +13,13 @@
 mod config;
 mod page;
 mod recorder;
+mod renew;
 mod verify;
 
 pub use config::Config;
 pub use page::{Line, Page, page};
-pub use recorder::Recorder;
+pub use recorder::{Fault, Recorder};
+pub use renew::{Renewed, renew};
 pub use verify::{Broken, Verified, verify};
 
 use sha2::{Digest, Sha256};
@@ -28,6 +30,11 @@ use std::path::{Path, PathBuf};
 
 /// The hash before the very first line.
 const GENESIS: &str = "0000000000000000000000000000000000000000000000000000000000000000";
+
+/// What is before the very first line.
+fn genesis() -> Entry {
+    Entry { n: 0, hash: GENESIS.to_string() }
+}
 
 /// Why the log cannot be kept.
 #[derive(Debug, thiserror::Error)]
@@ -45,9 +52,16 @@ pub enum AuditError {
     InUse(PathBuf),
     /// What is there is no unbroken log.
     #[error(
-        "{0}; move the file away together with its .head and its rotated files, keep them, and start again"
+        "{broken}; nothing is written to this log: stop stictiond, and `stictiond audit renew {}` puts it aside, with its .head and \
+         its rotated files, and begins a new one",
+        log.display()
     )]
-    Broken(Broken),
+    Broken {
+        /// The log, by its newest file.
+        log: PathBuf,
+        /// What is wrong with it.
+        broken: Broken,
+    },
 }
 
 /// How large a log may grow.
@@ -87,19 +101,26 @@ impl Log {
     /// [`AuditError::InUse`] while another process writes it, [`AuditError::Broken`] when what is there has been changed:
     /// nothing is written behind a broken chain.
     pub fn open(path: &Path, bounds: Bounds, now: &str) -> Result<Self, AuditError> {
-        let io = |source| AuditError::Io { path: path.to_path_buf(), source };
         let head = open_head(path)?;
-        let torn = cut_torn_line(path).map_err(io)?;
-        let there = [path.to_path_buf(), rotated(path, 1)].into_iter().find(|file| has_lines(file));
-        let last = match &there {
-            None => Entry { n: 0, hash: GENESIS.to_string() },
-            Some(_) => verify::last(path).map_err(AuditError::Broken)?,
-        };
-        let begins = !has_lines(path);
+        Self::go_on(path, bounds, now, head, before(path)?)
+    }
+
+    /// Goes on with a log that is whole, or begins one.
+    fn go_on(
+        path: &Path,
+        bounds: Bounds,
+        now: &str,
+        head: File,
+        Before { last, whole, torn }: Before,
+    ) -> Result<Self, AuditError> {
+        let io = |source| AuditError::Io { path: path.to_path_buf(), source };
+        if torn > 0 {
+            let cut = OpenOptions::new().write(true).open(path).and_then(|file| file.set_len(whole));
+            cut.map_err(io)?;
+        }
         let file = OpenOptions::new().append(true).create(true).open(path).map_err(io)?;
-        let size = file.metadata().map_err(io)?.len();
-        let mut log = Self { path: path.to_path_buf(), bounds, file, head, size, last };
-        if begins {
+        let mut log = Self { path: path.to_path_buf(), bounds, file, head, size: whole, last };
+        if whole == 0 {
             log.begin_file(now)?;
         }
         if torn > 0 {
@@ -222,19 +243,34 @@ fn has_lines(path: &Path) -> bool {
     fs::metadata(path).is_ok_and(|meta| meta.len() > 0)
 }
 
-/// Takes a last line without its end out of the file; how many bytes that were.
-fn cut_torn_line(path: &Path) -> io::Result<u64> {
+/// What a log has when it is opened.
+struct Before {
+    /// The last entry.
+    last: Entry,
+    /// Bytes of the newest file up to the end of its last line.
+    whole: u64,
+    /// Bytes behind that: of a line that a crash cut off.
+    torn: u64,
+}
+
+/// Looks at a log, which stays as it is: of one that is damaged nothing is taken away.
+fn before(path: &Path) -> Result<Before, AuditError> {
+    let damaged = |broken| AuditError::Broken { log: path.to_path_buf(), broken };
     let bytes = match fs::read(path) {
         Ok(bytes) => bytes,
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(0),
-        Err(error) => return Err(error),
+        Err(error) => match error.kind() {
+            io::ErrorKind::NotFound => Vec::new(),
+            io::ErrorKind::PermissionDenied => {
+                return Err(AuditError::Io { path: path.to_path_buf(), source: error });
+            }
+            _ => {
+                return Err(damaged(Broken { path: path.to_path_buf(), line: 0, what: error.to_string() }));
+            }
+        },
     };
     let whole = bytes.iter().rposition(|&byte| byte == b'\n').map_or(0, |at| at + 1);
-    let torn = (bytes.len() - whole) as u64;
-    if torn > 0 {
-        OpenOptions::new().write(true).open(path)?.set_len(whole as u64)?;
-    }
-    Ok(torn)
+    let last = verify::last(path, whole).map_err(damaged)?;
+    Ok(Before { last, whole: whole as u64, torn: (bytes.len() - whole) as u64 })
 }
 
 #[cfg(test)]

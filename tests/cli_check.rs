@@ -55,10 +55,35 @@ fn an_audit_log_that_run_cannot_go_on_with_is_told() {
     good("after a crash");
     assert!(fs::read_to_string(&file).expect("there").ends_with("3 2026"), "nothing is changed");
 
+    // One that was changed is told aloud. It stops changes, and not the daemon, which a service starts only after this.
+    let damaged = |out: &str, what: &str| {
+        assert!(out.contains("run will start with it and refuse changes"), "{out}");
+        assert!(out.contains("DAMAGED  [audit] file: ") && out.contains(what), "{out}");
+    };
     fs::write(&file, whole.replace("a change", "a chance")).expect("writable");
     let (code, out, err) = told(&file);
-    assert!(code == Some(2) && out.contains("run will not start with it"), "{out}");
-    assert!(err.contains("run will not start: [audit] file: ") && err.contains("line 2: changed"), "{err}");
+    assert_eq!((code, err.as_str()), (Some(0), ""), "{out}");
+    damaged(&out, "line 2: changed");
+    let name = file.to_str().expect("text");
+    let (code, _, err) = stictiond(&["audit", "verify", name]);
+    assert!(code == Some(1) && err.contains("line 2: changed"), "{err}");
+    fs::remove_file(&file).expect("there");
+    damaged(&told(&file).1, "entries 1 to 2 were written and are no longer there");
+    fs::write(&file, whole.replace("a change", "a chance")).expect("writable");
+
+    let (code, out, err) = stictiond(&["audit", "renew", name]);
+    assert_eq!((code, err.as_str()), (Some(0), ""), "{out}");
+    assert!(out.contains("line 2: changed") && out.contains("audit.log.damaged-1"), "{out}");
+    good("once there is a new log");
+    let begun = fs::read_to_string(&file).expect("there");
+    assert!(begun.lines().nth(1).is_some_and(|line| line.contains(" renewed damage=")), "{begun}");
+    assert_eq!(stictiond(&["audit", "verify", name]).0, Some(0));
+    for (name, why) in [(name, "it is good, and stays"), ("Cargo.toml", "there is no audit log of this name")]
+    {
+        let (code, _, err) = stictiond(&["audit", "renew", name]);
+        assert!(code == Some(2) && err.contains(why), "{err}");
+    }
+    assert_eq!(fs::read_to_string(&file).expect("there"), begun);
     // There no file can be made, whoever asks.
     let (code, _, err) = told(Path::new("/proc/audit.log"));
     assert!(code == Some(2) && err.contains("cannot be written by the user that runs check"), "{err}");

@@ -34,7 +34,8 @@ struct Seen {
 }
 
 impl Security {
-    /// Opens what `[access]`, `[audit]` and `[server.tls]` name; changes go to `other` where there is no `[audit]`.
+    /// Opens what `[access]`, `[audit]` and `[server.tls]` name; changes go to `other` where there is no `[audit]`. A log that is
+    /// damaged takes no changes, and is no reason not to watch the plant.
     pub(super) fn new(config: &Config, clock: Clock, other: Option<Arc<Recorder>>) -> Result<Self, AppError> {
         let tls = config.server.tls.as_ref().map(Tls::load).transpose()?.map(Arc::new);
         let own = config.audit.as_ref().map(|own| Recorder::start(&own.file, own.bounds(), clock.now()));
@@ -117,8 +118,11 @@ impl Security {
         tracing::info!(users = book.users.len(), tokens = book.tokens.len(), "users and tokens read again");
         for what in access.book().differences(&book) {
             tracing::info!(what, "who may come in has changed");
-            if let Some(audit) = &self.audit {
-                audit.put(self.clock.now(), "access", vec![("what", what)]);
+            // A token that is revoked ends all the same.
+            if let Some(audit) = &self.audit
+                && !audit.put(self.clock.now(), "access", vec![("what", what.clone())])
+            {
+                tracing::error!(what, "this change of who may come in is not on record");
             }
         }
         access.replace(book);

@@ -1,10 +1,11 @@
 //! Puts everything on record: one thread that owns the audit log, so that waiting for the disk delays no timer.
 
-use super::{self as audit, AuditError, Bounds, Log};
+use super::{self as audit, AuditError, Bounds, Log, before, open_head};
+use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::thread::JoinHandle;
 use tokio::sync::oneshot;
 
@@ -13,14 +14,41 @@ const QUEUE: usize = 4096;
 /// Entries that share one wait for the disk.
 const BATCH: usize = 512;
 
+/// Why a log takes no entries.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Fault {
+    /// It was changed, or cannot be read: it takes none until somebody decides by `stictiond audit renew`.
+    pub is_damaged: bool,
+    /// Why, with the file and with what helps.
+    pub reason: String,
+}
+
 /// Hands entries to the thread that writes them.
 pub struct Recorder {
     path: PathBuf,
     entries: Mutex<Option<SyncSender<Entry>>>,
+    state: State,
+    thread: Mutex<Option<JoinHandle<()>>>,
+    /// Of a log that is damaged: its head, whose lock keeps others out.
+    _head: Option<File>,
+}
+
+/// How the log is, as its thread and whoever asks see it.
+#[derive(Clone, Default)]
+struct State {
     failed: Arc<AtomicBool>,
     /// Somebody waited for an entry in vain, and nothing was written since.
     late: Arc<AtomicBool>,
-    thread: Mutex<Option<JoinHandle<()>>>,
+    /// Why it failed for good, once that is known.
+    fault: Arc<OnceLock<Fault>>,
+}
+
+impl State {
+    fn fail(&self, fault: Fault) {
+        // What failed first is the reason.
+        let _ = self.fault.set(fault);
+        self.failed.store(true, Relaxed);
+    }
 }
 
 struct Entry {
@@ -31,19 +59,34 @@ struct Entry {
 }
 
 impl Recorder {
-    /// Opens the log and begins.
+    /// Opens the log and begins. One that is damaged is held and takes no entries (see [`Self::fault`]): whoever needs it goes on
+    /// without what needs a record.
     ///
     /// # Errors
-    /// [`AuditError`] when the log cannot be opened or is broken.
+    /// [`AuditError::InUse`] while another process has the log, [`AuditError::Io`] when it cannot be opened or written.
     pub fn start(path: &Path, bounds: Bounds, now: f64) -> Result<Self, AuditError> {
-        let log = Log::open(path, bounds, &stamp(now))?;
+        let head = open_head(path)?;
+        match before(path) {
+            Ok(before) => Ok(Self::of(Log::go_on(path, bounds, &stamp(now), head, before)?)),
+            Err(error @ AuditError::Broken { .. }) => Ok(Self::damaged(path, head, &error)),
+            Err(error) => Err(error),
+        }
+    }
+
+    fn of(log: Log) -> Self {
         let (sender, receiver) = sync_channel(QUEUE);
-        let failed = Arc::new(AtomicBool::new(false));
-        let late = Arc::new(AtomicBool::new(false));
-        let flags = (Arc::clone(&failed), Arc::clone(&late));
-        let thread = std::thread::spawn(move || keep(log, &receiver, &flags.0, &flags.1));
-        let path = path.to_path_buf();
-        Ok(Self { path, entries: Mutex::new(Some(sender)), failed, late, thread: Mutex::new(Some(thread)) })
+        let (path, state) = (log.path.clone(), State::default());
+        let own = state.clone();
+        let thread = Mutex::new(Some(std::thread::spawn(move || keep(log, &receiver, &own))));
+        Self { path, entries: Mutex::new(Some(sender)), state, thread, _head: None }
+    }
+
+    fn damaged(path: &Path, head: File, error: &AuditError) -> Self {
+        let state = State::default();
+        tracing::error!(%error, "this audit log is damaged: what needs a record in it is refused until somebody decides");
+        state.fail(Fault { is_damaged: true, reason: error.to_string() });
+        let (path, thread) = (path.to_path_buf(), Mutex::new(None));
+        Self { path, entries: Mutex::new(None), state, thread, _head: Some(head) }
     }
 
     /// The log.
@@ -53,12 +96,30 @@ impl Recorder {
 
     /// False from the first entry on that could not be put on record, and while the disk keeps one waiting (see [`Self::note_late`]).
     pub fn works(&self) -> bool {
-        !self.failed.load(Relaxed) && !self.late.load(Relaxed)
+        !self.state.failed.load(Relaxed) && !self.state.late.load(Relaxed)
+    }
+
+    /// Why it does not work; `None` while it does.
+    pub fn fault(&self) -> Option<Fault> {
+        if self.works() {
+            return None;
+        }
+        let of = |why: &str| Fault {
+            is_damaged: false,
+            reason: format!("audit log {}: {why}", self.path.display()),
+        };
+        let known = self.state.fault.get().cloned();
+        known.or_else(|| {
+            Some(match self.state.failed.load(Relaxed) {
+                true => of("too many entries wait for the disk; look at the disk and start stictiond again"),
+                false => of("the disk keeps an entry waiting"),
+            })
+        })
     }
 
     /// Somebody waited for an entry in vain: the log does not work until something is written again.
     pub fn note_late(&self) {
-        self.late.store(true, Relaxed);
+        self.state.late.store(true, Relaxed);
     }
 
     /// Puts an entry in line; false when it cannot be recorded.
@@ -81,7 +142,7 @@ impl Recorder {
 
     /// Something that was waited for is on disk.
     pub fn note_written(&self) {
-        self.late.store(false, Relaxed);
+        self.state.late.store(false, Relaxed);
     }
 
     fn send(&self, entry: Entry) -> bool {
@@ -89,7 +150,7 @@ impl Recorder {
         // A full queue means a disk that hangs: that is a failure, not a reason to wait with it.
         let sent = entries.as_ref().is_some_and(|entries| entries.try_send(entry).is_ok());
         if !sent {
-            self.failed.store(true, Relaxed);
+            self.state.failed.store(true, Relaxed);
         }
         sent && self.works()
     }
@@ -107,7 +168,7 @@ impl Drop for Recorder {
     }
 }
 
-fn keep(mut log: Log, entries: &Receiver<Entry>, failed: &AtomicBool, late: &AtomicBool) {
+fn keep(mut log: Log, entries: &Receiver<Entry>, state: &State) {
     while let Ok(first) = entries.recv() {
         let mut batch = vec![first];
         batch.extend(entries.try_iter().take(BATCH));
@@ -115,12 +176,13 @@ fn keep(mut log: Log, entries: &Receiver<Entry>, failed: &AtomicBool, late: &Ato
             Ok(lines) => lines,
             Err(error) => {
                 // What stands in the file now may end in half a line: nothing more is written behind it.
-                failed.store(true, Relaxed);
+                let reason = format!("{error}; mend the cause and start stictiond again");
+                state.fail(Fault { is_damaged: false, reason });
                 tracing::error!(%error, "this audit log cannot be written: what needs a record in it is refused; mend the cause and start stictiond again");
                 return;
             }
         };
-        late.store(false, Relaxed);
+        state.late.store(false, Relaxed);
         for (entry, line) in batch.into_iter().zip(lines) {
             if let Some(done) = entry.done {
                 // The hash in a log elsewhere is what a forger of the file cannot reach.
@@ -130,7 +192,7 @@ fn keep(mut log: Log, entries: &Receiver<Entry>, failed: &AtomicBool, late: &Ato
             }
         }
         // Also for who gave up meanwhile.
-        late.store(false, Relaxed);
+        state.late.store(false, Relaxed);
     }
 }
 

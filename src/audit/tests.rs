@@ -183,14 +183,126 @@ fn a_log_has_one_writer() {
     Log::open(&folder.log(), WIDE, NOW).expect("opens again");
 }
 
+/// Every file of a folder, by its name.
+fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
+    let entries = fs::read_dir(folder).expect("there").map(|entry| entry.expect("read"));
+    let files = entries.filter(|entry| entry.path().is_file());
+    let read = |entry: fs::DirEntry| {
+        (entry.file_name().to_string_lossy().into_owned(), fs::read(entry.path()).expect("read"))
+    };
+    let mut files: Vec<_> = files.map(read).collect();
+    files.sort();
+    files
+}
+
+/// A log of several files, one bit of the oldest of which is another.
+fn rotten(folder: &Folder) -> PathBuf {
+    let bounds = Bounds { max_bytes: 1000, keep_files: 3 };
+    write(&folder.log(), bounds, 100);
+    let old = rotated(&folder.log(), 3);
+    let mut bytes = fs::read(&old).expect("there");
+    bytes[200] ^= 1;
+    fs::write(&old, bytes).expect("written");
+    old
+}
+
 #[test]
-fn nothing_is_written_behind_a_broken_chain() {
+fn nothing_is_written_behind_a_broken_chain_and_nothing_is_taken_away() {
     let folder = Folder::new();
     write(&folder.log(), WIDE, 3);
-    let text = fs::read_to_string(folder.log()).expect("text").replace("FIC101", "FIC102");
+    // The line that a crash cut off stays, too: nobody can say what happened to such a log.
+    let text = fs::read_to_string(folder.log()).expect("text").replace("FIC101", "FIC102") + "5 2026";
     fs::write(folder.log(), text).expect("written");
+    let before = files(&folder.0);
     let error = Log::open(&folder.log(), WIDE, NOW).expect_err("broken").to_string();
     assert!(error.contains("line 2: changed"), "{error}");
-    // Any of them left behind would be taken for the log that a new one goes on with.
-    assert!(error.contains(".head") && error.contains("rotated files"), "{error}");
+    let remedy = format!("`stictiond audit renew {}`", folder.log().display());
+    assert!(error.contains(&remedy) && error.contains("rotated files"), "{error}");
+    assert_eq!(files(&folder.0), before);
+}
+
+#[test]
+fn a_log_that_is_gone_is_missed_by_its_head() {
+    let folder = Folder::new();
+    write(&folder.log(), WIDE, 3);
+    let head = fs::read(head_path(&folder.log())).expect("there");
+    for left in [None, Some("")] {
+        fs::remove_file(folder.log()).expect("there");
+        if let Some(left) = left {
+            fs::write(folder.log(), left).expect("written");
+        }
+        let error = Log::open(&folder.log(), WIDE, NOW).expect_err("missing").to_string();
+        assert!(error.contains("entries 1 to 4 were written and are no longer there"), "{error}");
+        assert_eq!(fs::read(head_path(&folder.log())).expect("there"), head);
+        fs::write(folder.log(), "").expect("written");
+    }
+}
+
+#[test]
+fn a_recorder_of_a_damaged_log_holds_it_and_refuses() {
+    let folder = Folder::new();
+    let old = rotten(&folder);
+    let before = files(&folder.0);
+    let recorder = Recorder::start(&folder.log(), WIDE, 0.0).expect("it begins all the same");
+    let fault = recorder.fault().expect("it does not work");
+    assert!(!recorder.works() && fault.is_damaged);
+    for part in [old.display().to_string().as_str(), "changed", "stictiond audit renew"] {
+        assert!(fault.reason.contains(part), "{part}: {}", fault.reason);
+    }
+    assert!(!recorder.put(1.0, "change", Vec::new()));
+    assert!(recorder.follow(1.0, "change", Vec::new()).blocking_recv().is_err(), "nobody waits in vain");
+    let in_use = renew(&folder.log(), NOW).expect_err("in use").to_string();
+    assert!(in_use.contains("another process"), "{in_use}");
+    assert!(matches!(Recorder::start(&folder.log(), WIDE, 0.0), Err(AuditError::InUse(_))));
+    drop(recorder);
+    assert_eq!(files(&folder.0), before);
+}
+
+#[test]
+fn a_damaged_log_is_put_aside_whole_and_the_new_one_says_so() {
+    let folder = Folder::new();
+    rotten(&folder);
+    // Names that are nearly its own.
+    for other in ["audit.log.old", "audit.log.1x", "audit.log2", "xaudit.log"] {
+        fs::write(folder.0.join(other), other).expect("written");
+    }
+    // Behind a gap, where nobody looks for it.
+    fs::write(rotated(&folder.log(), 7), "old").expect("written");
+    let before = files(&folder.0);
+    let renewed = renew(&folder.log(), NOW).expect("renewed").expect("it was damaged");
+    assert!(renewed.damage.what.contains("changed"), "{}", renewed.damage);
+    assert_eq!(renewed.aside, folder.0.join("audit.log.damaged-1"));
+    let names = ["audit.log", "audit.log.1", "audit.log.2", "audit.log.3", "audit.log.7", "audit.log.head"];
+    let own: Vec<_> = before.into_iter().filter(|(name, _)| names.contains(&name.as_str())).collect();
+    assert_eq!(own.len(), names.len());
+    assert_eq!(files(&renewed.aside), own);
+
+    let verified = verify(&folder.log()).expect("whole");
+    assert_eq!((verified.files, verified.first, verified.last.n, verified.has_head), (1, 1, 2, true));
+    let text = fs::read_to_string(folder.log()).expect("text");
+    assert!(text.contains(" renewed damage=\"audit log ") && text.contains("audit.log.damaged-1"), "{text}");
+    let left: Vec<String> = files(&folder.0).into_iter().map(|(name, _)| name).collect();
+    assert_eq!(
+        left,
+        ["audit.log", "audit.log.1x", "audit.log.head", "audit.log.old", "audit.log2", "xaudit.log"]
+    );
+
+    assert_eq!(renew(&folder.log(), NOW).expect("looked at"), None, "a log that is whole stays");
+    write(&folder.log(), WIDE, 2);
+    assert_eq!(verify(&folder.log()).expect("whole").last.n, 4);
+}
+
+#[test]
+fn a_renewal_that_is_broken_off_leaves_a_log_that_is_damaged() {
+    let folder = Folder::new();
+    rotten(&folder);
+    let head = fs::read(head_path(&folder.log())).expect("there");
+    let renewed = renew(&folder.log(), NOW).expect("renewed").expect("it was damaged");
+    // As before its last step: the lines are there, and the head is still the old one.
+    fs::write(head_path(&folder.log()), head).expect("written");
+    let error = Log::open(&folder.log(), WIDE, NOW).expect_err("damaged").to_string();
+    assert!(error.contains("are no longer there"), "{error}");
+    let again = renew(&folder.log(), NOW).expect("renewed").expect("it was damaged");
+    assert_ne!(again.aside, renewed.aside);
+    verify(&folder.log()).expect("whole");
 }

@@ -1,6 +1,6 @@
 //! Reads a log again and finds the first line that cannot be what was written.
 
-use super::{Entry, GENESIS, has_lines, hash, head_path, rotated};
+use super::{Entry, GENESIS, genesis, has_lines, hash, head_path, rotated};
 use std::fmt;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -45,36 +45,43 @@ impl fmt::Display for Broken {
 /// # Errors
 /// [`Broken`], the first that is found.
 pub fn verify(path: &Path) -> Result<Verified, Broken> {
+    up_to(path, None)
+}
+
+/// The last entry, where all before it is verified. Of the newest file only `whole` bytes are looked at: what a crash cut off lies
+/// behind them.
+pub(super) fn last(path: &Path, whole: usize) -> Result<Entry, Broken> {
+    up_to(path, Some(whole)).map(|verified| verified.last)
+}
+
+fn up_to(path: &Path, whole: Option<usize>) -> Result<Verified, Broken> {
     let older: Vec<PathBuf> = (1..).map(|k| rotated(path, k)).take_while(|file| file.exists()).collect();
     let mut files: Vec<&Path> = older.iter().rev().map(PathBuf::as_path).collect();
-    // Empty behind older ones: a crash came between the rotation and the first line.
-    if has_lines(path) || files.is_empty() {
+    let mut head = Head::read(path)?;
+    // Empty behind older ones: a crash came between the rotation and the first line. Empty behind a head: all of it is missing.
+    let is_begun = files.is_empty() && head.is_none();
+    if whole.map_or(has_lines(path) || is_begun, |whole| whole > 0) {
         files.push(path);
     }
-    let mut head = Head::read(path)?;
     let (mut before, mut first, mut entries, mut lines) = (None, None, 0, 0);
     for file in &files {
-        let (from, last, count) = file_of(file, before.as_ref(), head.as_mut())?;
+        let most = whole.filter(|_| *file == path);
+        let (from, last, count) = file_of((*file, most), before.as_ref(), head.as_mut())?;
         first.get_or_insert(from);
         entries += count as u64;
         (before, lines) = (Some(last), count);
     }
-    let last = before.unwrap_or(Entry { n: 0, hash: GENESIS.to_string() });
+    let last = before.unwrap_or_else(genesis);
     if let Some(head) = head.as_ref().filter(|head| head.entry.n > last.n) {
         let what = format!(
             "missing: entries {} to {} were written and are no longer there",
-            last.n + 1,
+            last.n.saturating_add(1),
             head.entry.n
         );
         let path = files.last().map_or(path, |file| *file).to_path_buf();
         return Err(Broken { path, line: lines + 1, what });
     }
     Ok(Verified { files: files.len(), entries, first: first.unwrap_or(0), last, has_head: head.is_some() })
-}
-
-/// The last entry of the newest file with entries, all of which is verified.
-pub(super) fn last(path: &Path) -> Result<Entry, Broken> {
-    verify(path).map(|verified| verified.last)
 }
 
 struct Head {
@@ -101,14 +108,15 @@ impl Head {
     }
 }
 
-/// One file: its first number, its last entry, its lines.
+/// One file, or so many bytes of it: its first number, its last entry, its lines.
 fn file_of(
-    path: &Path,
+    (path, most): (&Path, Option<usize>),
     before: Option<&Entry>,
     mut head: Option<&mut Head>,
 ) -> Result<(u64, Entry, usize), Broken> {
     let broken = |line: usize, what: &str| Broken { path: path.to_path_buf(), line, what: what.to_string() };
-    let bytes = fs::read(path).map_err(|error| broken(0, &error.to_string()))?;
+    let mut bytes = fs::read(path).map_err(|error| broken(0, &error.to_string()))?;
+    bytes.truncate(most.unwrap_or(usize::MAX));
     let mut entry: Option<Entry> = None;
     let (mut first, mut count) = (0, 0);
     for (at, line) in bytes.split_inclusive(|&byte| byte == b'\n').enumerate() {
@@ -135,9 +143,9 @@ fn file_of(
                 previous
             }
         };
-        if n != previous.n + 1 {
-            let what = format!("entry {n} where {} belongs: lines are missing or swapped", previous.n + 1);
-            return Err(wrong(&what));
+        let next = previous.n.saturating_add(1);
+        if n != next {
+            return Err(wrong(&format!("entry {n} where {next} belongs: lines are missing or swapped")));
         }
         if hash(&previous.hash, body) != said {
             return Err(wrong("changed: its hash is another"));

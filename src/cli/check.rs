@@ -27,9 +27,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             issues.into_iter().map(|issue| format!("{}: {}", issue.field, issue.message)).collect();
         Failure::in_file(&args.config, issues.join("; "))
     })?;
-    let (summary, faults) = summary(&config, &plant);
+    let (mut summary, faults) = summary(&config, &plant);
+    let damaged = damaged(&config);
+    damaged.iter().for_each(|line| summary += line);
     let good = match faults.is_empty() {
         false => "run will not start with it".to_string(),
+        true if !damaged.is_empty() => "run will start with it and refuse changes".to_string(),
         true if config.fleet.is_some() => format!("good for {}", parts(&config).join(" and ")),
         true => "good".to_string(),
     };
@@ -116,13 +119,20 @@ fn summary(config: &Config, plant: &Plant) -> (String, Vec<String>) {
     let _ = writeln!(out, "listen   {}", config.server.listen);
     let _ = writeln!(out, "access   {}", access(config, &mut faults));
     faults.extend(config.unwritable());
-    faults.extend(surroundings::broken_logs(config));
+    faults.extend(surroundings::unwritable_logs(config));
     let of_store = config.no_store().into_iter().chain(config.too_little_room());
     let remarks = config.remarks().into_iter().chain(config.missing_files()).chain(of_store);
     for remark in remarks.chain(config.fleet_remarks()).chain(surroundings::remarks(config)) {
         let _ = writeln!(out, "remark   {remark}");
     }
     (out, faults)
+}
+
+/// A line for each audit log that was changed: `run` starts all the same, and refuses what needs an entry in it.
+fn damaged(config: &Config) -> Vec<String> {
+    let line =
+        |why: String| format!("DAMAGED  {why}; `stictiond audit renew` puts it aside and begins a new one\n");
+    surroundings::damaged_logs(config).into_iter().map(line).collect()
 }
 
 /// For whom of a fleet it is.

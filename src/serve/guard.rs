@@ -204,12 +204,11 @@ fn decide(need: Need, actor: &Actor, is_change: bool, headers: &HeaderMap) -> Re
 /// and take a term of write-back back: on the way to zero the plant comes before the record, and write-back has a log of its
 /// own.
 async fn change(context: Arc<Context>, actor: Actor, request: Request, next: Next) -> Response {
-    let works = context.audit.as_ref().is_none_or(|audit| audit.works());
+    let fault = context.audit.as_ref().and_then(|audit| audit.fault());
     // A log-in puts itself on record, without the password.
     let is_session = request.uri().path().ends_with("/session");
-    if !works && !is_session && !withdraws(&request) {
-        let detail = "the audit log cannot be written, so nothing is changed; the daemon's log says why";
-        return Problem::busy("audit_failed", detail).into_response();
+    if let Some(fault) = fault.filter(|_| !is_session && !withdraws(&request)) {
+        return Problem::unrecorded(&fault).into_response();
     }
     let mut fields = asked(&actor, &request, StatusCode::OK);
     let (parts, body) = request.into_parts();

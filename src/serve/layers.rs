@@ -11,7 +11,8 @@ use axum::middleware::{Next, from_fn, from_fn_with_state, map_response};
 use axum::response::{IntoResponse, Response};
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::Semaphore;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio::task::{JoinHandle, spawn_blocking};
 use tower_http::compression::CompressionLayer;
 use tower_http::limit::RequestBodyLimitLayer;
 
@@ -33,15 +34,47 @@ pub fn wrap(routes: Router, context: &Arc<Context>) -> Router {
         .layer(map_response(move |response| with_headers(secure, response)))
 }
 
+tokio::task_local! {
+    /// The slot of the request that the task works on.
+    static SLOT: Arc<OwnedSemaphorePermit>;
+}
+
+/// Whether the process lives: who asks that must not take a daemon that is busy for one that is dead.
+const ALIVE: [&str; 2] = ["/healthz", "/api/v1/healthz"];
+
 /// Refuses what is too much at once, and gives up on what takes too long. A stream counts until it begins.
 async fn bounded(slots: Arc<Semaphore>, timeout: Duration, request: Request, next: Next) -> Response {
-    let Ok(_slot) = slots.try_acquire() else {
+    if ALIVE.contains(&request.uri().path()) {
+        return next.run(request).await;
+    }
+    within(slots, timeout, next.run(request)).await
+}
+
+/// Answers in a slot, within a time.
+async fn within(
+    slots: Arc<Semaphore>,
+    timeout: Duration,
+    answer: impl Future<Output = Response>,
+) -> Response {
+    let Ok(slot) = slots.try_acquire_owned() else {
         return Problem::busy("too_many_requests", "too many requests at once").into_response();
     };
-    match tokio::time::timeout(timeout, next.run(request)).await {
+    match tokio::time::timeout(timeout, SLOT.scope(Arc::new(slot), answer)).await {
         Ok(response) => response,
         Err(_) => Problem::busy("timeout", "no answer in time").into_response(),
     }
+}
+
+/// Works on a thread that may wait. Nothing can break such work off: it keeps the slot of its request until it ends, also where the
+/// client was told long before that there is no answer in time. So no more of it runs than there are slots.
+pub fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> JoinHandle<T> {
+    // A stream that has begun has none.
+    let slot = SLOT.try_with(Arc::clone).ok();
+    spawn_blocking(move || {
+        let done = work();
+        drop(slot);
+        done
+    })
 }
 
 /// Gives every error that is not a problem yet the shape of one; keeps its headers that matter (`Allow`).
@@ -80,4 +113,33 @@ async fn with_headers(secure: bool, mut response: Response) -> Response {
         response.headers_mut().insert(header::STRICT_TRANSPORT_SECURITY, year);
     }
     response
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use axum::http::StatusCode;
+
+    #[tokio::test]
+    async fn work_that_goes_on_after_its_time_keeps_its_slot() {
+        let slots = Arc::new(Semaphore::new(1));
+        let (end, ended) = std::sync::mpsc::channel::<()>();
+        let slow = async move {
+            // Until the other side is dropped.
+            let _ = blocking(move || ended.recv()).await;
+            Response::default()
+        };
+        let short = Duration::from_millis(10);
+        let late = within(slots.clone(), short, slow).await;
+        assert_eq!(late.status(), StatusCode::SERVICE_UNAVAILABLE, "no answer in time");
+        assert_eq!(slots.available_permits(), 0, "the work goes on");
+        let refused = within(slots.clone(), short, async { Response::default() }).await;
+        assert_eq!(refused.status(), StatusCode::SERVICE_UNAVAILABLE);
+
+        drop(end);
+        let freed = tokio::time::timeout(Duration::from_secs(20), slots.acquire()).await;
+        drop(freed.expect("the work has ended").expect("the slots are there"));
+        let answered = within(slots, Duration::from_secs(20), async { Response::default() }).await;
+        assert_eq!(answered.status(), StatusCode::OK);
+    }
 }

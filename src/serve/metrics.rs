@@ -32,6 +32,7 @@ pub fn text(context: &Context) -> String {
     history(&mut registry, &plant.history);
     writeback(&mut registry, context, &plant);
     store(&mut registry, context, now);
+    audit(&mut registry, context);
     receivers(&mut registry, context);
     fleet(&mut registry, context);
     process(&mut registry);
@@ -288,6 +289,17 @@ fn store(registry: &mut Registry, context: &Context, now: f64) {
     for (event, value) in state.counters {
         count(&events, &[("event", event)], value as f64);
     }
+}
+
+/// The audit logs, where there are any.
+fn audit(registry: &mut Registry, context: &Context) {
+    let records = context.records();
+    if records.is_empty() {
+        return;
+    }
+    let working = f64::from(u8::from(records.iter().all(|record| record.works())));
+    let help = "1 while changes are put on record, 0 while an audit log is damaged or cannot be written";
+    gauge(registry, "audit_working", help, working);
 }
 
 /// Those who are told of alarms.

@@ -424,6 +424,14 @@ impl Context {
         Self { tls, ..self }
     }
 
+    /// The logs that changes and write-back are put on record in; the same one may be for both.
+    fn records(&self) -> Vec<Arc<Recorder>> {
+        let of_writeback = self.writeback.as_ref().and_then(|writeback| writeback.record());
+        let mut all: Vec<_> = self.audit.iter().cloned().chain(of_writeback).collect();
+        all.dedup_by(|one, other| Arc::ptr_eq(one, other));
+        all
+    }
+
     /// Whether nobody but this machine can ask.
     #[cfg(feature = "writeback")]
     fn on_loopback(&self) -> bool {

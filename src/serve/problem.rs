@@ -1,5 +1,6 @@
 //! What went wrong, for the caller: RFC 9457 problem details. What went wrong inside is for the log.
 
+use crate::audit::Fault;
 use axum::Json;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -59,6 +60,12 @@ impl Problem {
     /// 503: try again later.
     pub fn busy(kind: &'static str, detail: impl Into<String>) -> Self {
         Self::new(StatusCode::SERVICE_UNAVAILABLE, kind, detail)
+    }
+
+    /// 503: nothing can be put on record, so nothing is changed.
+    pub fn unrecorded(fault: &Fault) -> Self {
+        let detail = format!("nothing is changed, because it could not be put on record: {}", fault.reason);
+        Self::busy("audit_failed", detail).with("damaged", fault.is_damaged)
     }
 
     /// 500: the log says more.

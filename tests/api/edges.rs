@@ -225,13 +225,15 @@ async fn requests_are_bounded_in_number_and_time() {
         assert!(tokio::time::Instant::now() < deadline, "the request never arrived");
         tokio::task::yield_now().await;
     }
-    let refused = get(rig.address, "/healthz").await;
+    let refused = get(rig.address, "/api/v1/loops").await;
     assert_eq!(assert_problem(&refused, 503)["type"], "urn:stictiond:problem:too_many_requests");
+    // Who asks whether it lives would start a busy daemon again.
+    assert_eq!(get(rig.address, "/healthz").await.status, 200);
     assert_eq!(refused.header("retry-after"), Some("1"));
     let late = slow.await.expect("answered");
     assert_eq!(assert_problem(&late, 503)["type"], "urn:stictiond:problem:timeout");
     drop(open);
-    assert_eq!(get(rig.address, "/healthz").await.status, 200);
+    assert_eq!(get(rig.address, "/api/v1/loops").await.status, 200);
 }
 
 #[tokio::test]

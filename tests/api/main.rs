@@ -1,6 +1,7 @@
 //! The API over real sockets.
 
 mod app;
+mod audit;
 mod backfill;
 mod daemon;
 mod dashboard;

@@ -184,8 +184,31 @@ def store(walk):
     expect(said).not_to_contain_text("--repair")
     answers(state="working", damaged=False, reason=None, since=None, lost_states=0)
     expect(page.locator("#store")).to_be_hidden()
-    page.unroute(HEALTH)
     print("ok: it goes when the store works again")
+
+    def recorded(**audit):
+        def patched(route):
+            answer = route.fetch().json()
+            answer["store"].update(state="working", damaged=False, reason=None, since=None, lost_states=0)
+            answer["audit"] = audit
+            route.fulfill(json=answer)
+
+        page.unroute(HEALTH)
+        page.route(HEALTH, patched)
+
+    recorded(state="failing", damaged=True, reason="audit log <img src=x onerror=alert(1)>.3: line 2: changed")
+    expect(said).to_contain_text("The audit log is damaged: changes are refused.")
+    expect(said).to_contain_text("audit log <img src=x onerror=alert(1)>.3: line 2: changed")
+    expect(said).to_contain_text("stictiond audit renew")
+    check(page.locator("#record img").count() == 0, "what is said of the audit log is text")
+    walk.axe("a damaged audit log")
+    recorded(state="failing", damaged=False, reason="the disk is full")
+    expect(said).to_contain_text("Changes are refused: they cannot be put on record.")
+    expect(said).not_to_contain_text("renew")
+    recorded(state="working", damaged=False, reason=None)
+    expect(page.locator("#record")).to_be_hidden()
+    page.unroute(HEALTH)
+    print("ok: a damaged audit log is told until it works again")
 
 
 trouble = [changes, live, colours, no_unit, list_again]

@@ -302,6 +302,45 @@ async fn without_a_record_nothing_is_changed_but_a_term_is_taken_back() {
 }
 
 #[tokio::test]
+async fn a_record_that_was_changed_stops_changes_and_not_the_daemon() {
+    let now = "2026-01-01T00:00:00Z";
+    let changed = |config: &mut stictiond::config::Config| {
+        let file = &config.audit.as_ref().expect("a log").file;
+        let bounds = audit::Bounds { max_bytes: 1000, keep_files: 3 };
+        let mut log = audit::Log::open(file, bounds, now).expect("opens");
+        (0..50).for_each(|n| log.append(now, "change", &[("n", n.to_string())]).expect("written"));
+        log.sync().expect("written");
+        let old = file.with_file_name("audit.log.3");
+        let text = fs::read_to_string(&old).expect("there");
+        fs::write(&old, text.replacen(" change ", " chance ", 1)).expect("written");
+    };
+    let daemon = daemon_with("changed-record", "", changed).await;
+    let old = daemon.folder.join("audit.log.3");
+    let text = fs::read_to_string(&old).expect("there");
+    assert!(text.contains(" chance "));
+    // Who logs in sees all there is to see, and changes nothing.
+    let session = daemon.log_in("operator").await;
+    let [by, word] = [format!("cookie: {}", session.cookie), format!("x-csrf-token: {}", session.csrf)];
+    assert_eq!(daemon.ask("GET /api/v1/loops", &[&by], "").await.status, 200);
+    let token = daemon.token(Role::Operator);
+    for headers in [&[by.as_str(), word.as_str()][..], &[token.as_str()]] {
+        let refused = daemon.ask("POST /api/v1/alarms/FIC1/ack", headers, "").await;
+        assert_eq!((refused.status, refused.problem().as_str()), (503, "audit_failed"));
+        let remedy = format!("stictiond audit renew {}`", daemon.folder.join("audit.log").display());
+        for part in [old.display().to_string(), remedy] {
+            assert!(refused.body.contains(&part), "{part}: {refused:?}");
+        }
+    }
+    // Past the door, as while the log cannot be written.
+    let taken =
+        daemon.ask("POST /api/v1/loops/FIC1/writeback/withdraw", &[&by, &word], r#"{"by": "x"}"#).await;
+    assert_eq!(taken.status, 404, "{taken:?}");
+    let health = daemon.ask("GET /healthz", &[], "").await.json();
+    assert_eq!((&health["audit"]["state"], &health["audit"]["damaged"]), (&"failing".into(), &true.into()));
+    assert_eq!(fs::read_to_string(&old).expect("there"), text, "nothing is put right by itself");
+}
+
+#[tokio::test]
 async fn everybody_reads_only_where_the_file_says_so() {
     let open = |config: &mut stictiond::config::Config| {
         config.access.as_mut().expect("a log-in").anyone_may_read = true;

@@ -38,4 +38,8 @@ impl WritebackPort for WritebackControl {
     fn status(&self, _: &LoopId) -> Option<Status> {
         None
     }
+
+    fn record(&self) -> Option<Arc<Recorder>> {
+        self.recorder()
+    }
 }

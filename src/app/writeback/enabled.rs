@@ -71,7 +71,7 @@ impl WritebackControl {
         Ok(())
     }
 
-    /// The audit log, where a loop enables write-back.
+    /// The audit log, where a loop enables write-back. While it is damaged no gate opens.
     pub(in crate::app) fn recorder(&self) -> Option<Arc<Recorder>> {
         self.recorder.read().unwrap_or_else(PoisonError::into_inner).clone()
     }
@@ -228,6 +228,10 @@ fn look(
 impl WritebackPort for WritebackControl {
     fn status(&self, id: &LoopId) -> Option<Status> {
         self.current()?.status(id)
+    }
+
+    fn record(&self) -> Option<Arc<Recorder>> {
+        self.recorder()
     }
 
     fn act<'a>(&'a self, id: &'a LoopId, action: Action, by: &'a str) -> Acted<'a> {

@@ -8,32 +8,40 @@ use std::path::{Path, PathBuf};
 use stictiond::audit;
 use stictiond::config::{Config, without_number};
 
-/// Why `run` could not go on with its audit logs, or begin them.
-pub fn broken_logs(config: &Config) -> Vec<String> {
+/// The audit logs that `run` would go on with, or begin, and the keys that name them.
+fn logs(config: &Config) -> impl Iterator<Item = (&'static str, &PathBuf)> {
     let changes = config.audit.as_ref().map(|own| ("[audit] file", &own.file));
     let writes = config.loops.iter().any(|own| own.writeback.as_ref().is_some_and(|own| own.enabled));
     let terms = config.writeback.audit_file.as_ref().filter(|_| writes);
     let terms = terms.map(|file| ("[writeback] audit_file", file));
-    let told = |(key, file): (&str, &PathBuf)| Some(format!("{key}: {}", unusable(file)?));
-    changes.into_iter().chain(terms).filter_map(told).collect()
+    // Where a log's folder is not there, the configuration says so itself.
+    changes.into_iter().chain(terms).filter(|(_, file)| !file.is_dir() && folder_of(file).is_dir())
 }
 
-/// Why a log cannot be used; where its folder is not there, the configuration says so itself.
-fn unusable(file: &Path) -> Option<String> {
-    if file.is_dir() || !folder_of(file).is_dir() {
-        return None;
-    }
-    let cannot = |path: &Path, error: io::Error| {
-        let why = without_number(&error.to_string());
-        format!("{} cannot be written by the user that runs check: {why}", path.display())
+/// Why `run` could not write its audit logs, so that it would not start.
+pub fn unwritable_logs(config: &Config) -> Vec<String> {
+    let told = |(key, file): (&str, &PathBuf)| Some(format!("{key}: {}", unwritable(file)?));
+    logs(config).filter_map(told).collect()
+}
+
+fn unwritable(file: &Path) -> Option<String> {
+    let cannot = |path: PathBuf| {
+        let why = without_number(&try_to_write(&path).err()?.to_string());
+        Some(format!("{} cannot be written by the user that runs check: {why}", path.display()))
     };
-    for path in [file.to_path_buf(), beside(file, ".head")] {
-        if let Err(error) = try_to_write(&path) {
-            return Some(cannot(&path, error));
-        }
-    }
+    cannot(file.to_path_buf()).or_else(|| cannot(beside(file, ".head")))
+}
+
+/// What was changed in the audit logs, so that `run` would refuse what needs an entry in them.
+pub fn damaged_logs(config: &Config) -> Vec<String> {
+    let told = |(key, file): (&str, &PathBuf)| Some(format!("{key}: {}", damage(file)?));
+    logs(config).filter_map(told).collect()
+}
+
+fn damage(file: &Path) -> Option<String> {
     let has_lines = |path: &Path| fs::metadata(path).is_ok_and(|about| about.len() > 0);
-    if !has_lines(file) && !has_lines(&beside(file, ".1")) {
+    // Where only a head says that there were lines, they are missing.
+    if ["", ".1", ".head"].iter().all(|end| !has_lines(&beside(file, end))) {
         return None;
     }
     let broken = audit::verify(file).err()?;

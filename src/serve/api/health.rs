@@ -1,13 +1,15 @@
 //! Whether it lives, whether it is ready, and how it is.
 
-use super::super::dto::health::{Health, Readiness, StoreHealth};
+use super::super::dto::health::{AuditHealth, Health, Readiness, StoreHealth};
 use super::super::dto::notifications::PostHealth;
 use super::super::dto::params::NoQuery;
 use super::super::dto::rfc3339;
 use super::super::extract::Params;
+use super::super::layers::blocking;
 use super::super::problem::Problem;
 use super::super::{Context, metrics as exposition};
 use super::off_thread;
+use crate::audit::Fault;
 use crate::history::TagKind;
 use crate::signal::Role;
 use axum::Json;
@@ -28,6 +30,7 @@ pub async fn healthz(State(context): Shared, Params(NoQuery {}): Params<NoQuery>
         time: rfc3339(now),
         uptime_s: (now - context.started).max(0.0),
         store: store(&context),
+        audit: audit(&context),
         notifications: notifications(&context),
     })
 }
@@ -58,6 +61,12 @@ pub async fn readyz(
 fn notifications(context: &Context) -> Option<PostHealth> {
     let receivers = context.notifications.as_ref()?.receivers();
     (!receivers.is_empty()).then(|| receivers.into())
+}
+
+fn audit(context: &Context) -> Option<AuditHealth> {
+    let records = context.records();
+    let faults: Vec<Fault> = records.iter().filter_map(|record| record.fault()).collect();
+    (!records.is_empty()).then(|| AuditHealth::of(&faults))
 }
 
 fn store(context: &Context) -> Option<StoreHealth> {
@@ -113,7 +122,7 @@ pub async fn metrics(
 ) -> Result<Response, Problem> {
     let mut accepted = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok());
     let open = accepted.any(|value| value.contains(OPEN_METRICS));
-    let text = tokio::task::spawn_blocking(move || {
+    let text = blocking(move || {
         let text = exposition::text(&context);
         if open { text } else { exposition::plain(&text) }
     });

@@ -20,6 +20,7 @@ mod writeback;
 
 use super::Context;
 use super::conditional::conditional;
+use super::layers::blocking;
 use super::problem::Problem;
 use axum::Router;
 use axum::middleware::from_fn;
@@ -157,7 +158,7 @@ fn event_place(context: &Context) -> Result<OwnedSemaphorePermit, Problem> {
 async fn off_thread<T: Serialize>(
     compute: impl FnOnce() -> Result<T, Problem> + Send + 'static,
 ) -> Result<Response, Problem> {
-    let answer = tokio::task::spawn_blocking(move || compute().map(|value| Json(value).into_response()));
+    let answer = blocking(move || compute().map(|value| Json(value).into_response()));
     answer.await.unwrap_or_else(|error| {
         tracing::error!(%error, "a request failed inside");
         Err(Problem::internal())

@@ -8,6 +8,7 @@ use super::super::dto::params::NoQuery;
 use super::super::dto::plantwide::LoopHealth;
 use super::super::dto::rfc3339;
 use super::super::extract::{OfLoop, Params};
+use super::super::layers::blocking;
 use super::super::problem::Problem;
 use super::super::report;
 use axum::extract::State;
@@ -76,7 +77,7 @@ pub async fn of_plant(
 pub async fn page(
     write: impl FnOnce() -> Result<String, Problem> + Send + 'static,
 ) -> Result<Response, Problem> {
-    let written = tokio::task::spawn_blocking(write).await.unwrap_or_else(|error| {
+    let written = blocking(write).await.unwrap_or_else(|error| {
         tracing::error!(%error, "a report failed inside");
         Err(Problem::internal())
     })?;

@@ -5,6 +5,7 @@ use super::super::dto::params::NoQuery;
 use super::super::dto::session::{LogIn, SessionView};
 use super::super::extract::{Params, Required};
 use super::super::guard::{Actor, COOKIE, cookies, record};
+use super::super::layers::blocking;
 use super::super::problem::Problem;
 use crate::access::{Access, Identity, Proof, is_name};
 use axum::Json;
@@ -56,7 +57,7 @@ pub async fn begin(
         return Err(Problem::busy("too_many_log_ins", "too many log in at once"));
     };
     let (door, name) = (access.clone(), user.clone());
-    let found = tokio::task::spawn_blocking(move || {
+    let found = blocking(move || {
         let _turn = turn;
         door.recognise(&name, &password)
     });

@@ -55,7 +55,8 @@ mod acting {
         responses((status = 200, body = WritebackView), (status = 400, description = "problem: the field is named"),
             (status = 403, description = "problem: not by a person who may"),
             (status = 404, description = "problem: no such loop, or not enabled"),
-            (status = 409, description = "problem: the state does not allow it")))]
+            (status = 409, description = "problem: the state does not allow it"),
+            (status = 503, description = "problem: the audit log takes no entry")))]
     pub async fn grant(
         State(context): Shared,
         OfLoop(id): OfLoop,
@@ -70,7 +71,8 @@ mod acting {
         params(("id" = String, Path, description = "the loop's name")),
         responses((status = 200, body = WritebackView), (status = 403, description = "problem: not by a person who may"),
             (status = 404, description = "problem: no such loop, or not enabled"),
-            (status = 409, description = "problem: nothing to approve, or the same person")))]
+            (status = 409, description = "problem: nothing to approve, or the same person"),
+            (status = 503, description = "problem: the audit log takes no entry")))]
     pub async fn approve(
         State(context): Shared,
         OfLoop(id): OfLoop,
@@ -100,7 +102,8 @@ mod acting {
         params(("id" = String, Path, description = "the loop's name")),
         responses((status = 200, body = WritebackView), (status = 403, description = "problem: not by a person who may"),
             (status = 404, description = "problem: no such loop, or not enabled"),
-            (status = 409, description = "problem: it is not tripped")))]
+            (status = 409, description = "problem: it is not tripped"),
+            (status = 503, description = "problem: the audit log takes no entry")))]
     pub async fn reset(
         State(context): Shared,
         OfLoop(id): OfLoop,
@@ -161,6 +164,11 @@ mod acting {
     ) -> Result<Json<WritebackView>, Problem> {
         let by = short("by", Some(by), 100)?.unwrap_or_default();
         let writeback = context.writeback.as_ref().ok_or_else(|| not_enabled(id))?;
+        // Taking a term back is the safe direction, and waits for no record.
+        let is_safe = matches!(action, Action::Withdraw);
+        if let Some(fault) = writeback.record().and_then(|record| record.fault()).filter(|_| !is_safe) {
+            return Err(Problem::unrecorded(&fault));
+        }
         match writeback.act(id, action, &by).await.ok_or_else(|| not_enabled(id))? {
             Ok(status) => Ok(Json(WritebackView::from(&status))),
             Err(refusal @ Refusal::BadDuration { .. }) => {

@@ -2,6 +2,7 @@
 
 use super::notifications::PostHealth;
 use super::{finite, rfc3339};
+use crate::audit::Fault;
 use crate::serve::StoreState;
 use serde::Serialize;
 use utoipa::ToSchema;
@@ -19,8 +20,33 @@ pub struct Health {
     pub uptime_s: f64,
     /// The store; null where none is configured.
     pub store: Option<StoreHealth>,
+    /// The audit logs; null where none is kept.
+    pub audit: Option<AuditHealth>,
     /// Those who are told of alarms; null where nobody is.
     pub notifications: Option<PostHealth>,
+}
+
+/// How the audit logs are. While one takes no entries, what needs an entry in it is refused; all else goes on.
+#[derive(Clone, Debug, Serialize, ToSchema)]
+pub struct AuditHealth {
+    /// `working` or `failing`.
+    pub state: &'static str,
+    /// One of them was changed or cannot be read: it takes no entry until somebody decides by `stictiond audit renew`.
+    pub damaged: bool,
+    /// Why it fails, with the file and with what helps; null while it works.
+    pub reason: Option<String>,
+}
+
+impl AuditHealth {
+    /// Of the logs that take no entries, by why.
+    pub fn of(faults: &[Fault]) -> Self {
+        let reasons: Vec<&str> = faults.iter().map(|fault| fault.reason.as_str()).collect();
+        Self {
+            state: if faults.is_empty() { "working" } else { "failing" },
+            damaged: faults.iter().any(|fault| fault.is_damaged),
+            reason: (!faults.is_empty()).then(|| reasons.join("; ")),
+        }
+    }
 }
 
 /// How the store is. A daemon whose store fails goes on: nothing it measures is kept meanwhile but in memory.

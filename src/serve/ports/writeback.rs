@@ -1,7 +1,9 @@
 //! What the API may know of write-back, and, in a binary that can write, what an operator may ask of it.
 
+use crate::audit::Recorder;
 use crate::compensation::gate::Status;
 use crate::signal::LoopId;
+use std::sync::Arc;
 
 #[cfg(feature = "writeback")]
 use crate::compensation::gate::{Action, Refusal};
@@ -16,6 +18,9 @@ pub type Acted<'a> = Pin<Box<dyn Future<Output = Option<Result<Status, Refusal>>
 pub trait WritebackPort: Send + Sync {
     /// A loop's write-back; `None` where it is not enabled.
     fn status(&self, id: &LoopId) -> Option<Status>;
+
+    /// Where write-back is put on record; `None` where nothing is written to the plant.
+    fn record(&self) -> Option<Arc<Recorder>>;
 
     /// An operator acts.
     #[cfg(feature = "writeback")]

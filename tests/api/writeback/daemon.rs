@@ -85,7 +85,8 @@ impl Daemon {
         Self::run(&config(plant, link, &audit), path, audit).await
     }
 
-    async fn run(text: &str, path: &Path, audit: PathBuf) -> Self {
+    /// Starts it with a configuration that writes this audit log.
+    pub async fn run(text: &str, path: &Path, audit: PathBuf) -> Self {
         std::fs::write(path, text).expect("the test directory is writable");
         let mut child = Command::new(env!("CARGO_BIN_EXE_stictiond"))
             .args(["run", "--log-format", "json", "--config"])

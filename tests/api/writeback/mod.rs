@@ -74,6 +74,51 @@ async fn two_persons_grant_and_everybody_hears_of_it() {
     }
 }
 
+/// Write-back's log was changed while the daemon was away, where people's changes have a log of their own and where they have none.
+#[tokio::test]
+async fn a_record_that_was_changed_stops_grants_and_not_the_daemon() {
+    let plant = Plant::start();
+    let address = plant.listen().await;
+    let mut daemon = Daemon::start(address, address, "changed").await;
+    daemon.state("shadow").await;
+    daemon.signal("-TERM");
+    daemon.child.wait().await.expect("waited");
+    let (audit, path) = (daemon.audit.clone(), daemon.audit.with_extension("toml"));
+    let mut bytes = std::fs::read(&audit).expect("there");
+    // In the time of the first entry.
+    bytes[10] ^= 1;
+    std::fs::write(&audit, bytes).expect("written");
+
+    let changes = daemon.audit.with_extension("changes");
+    for old in [changes.clone(), daemon.audit.with_extension("changes.head")] {
+        let _ = std::fs::remove_file(old);
+    }
+    for more in [String::new(), format!("[audit]\nfile = '{}'\n", changes.display())] {
+        let text = daemon::config(address, address, &audit) + &more;
+        let mut daemon = Daemon::run(&text, &path, audit.clone()).await;
+        daemon.state("shadow").await;
+        for (what, body) in [("grant", r#"{"by": "Ann", "duration_s": 60}"#), ("approve", r#"{"by": "Bob"}"#)]
+        {
+            let problem = assert_problem(&post(daemon.api, &format!("{LOOP}/{what}"), body).await, 503);
+            assert_eq!(problem["type"], "urn:stictiond:problem:audit_failed");
+            let detail = problem["detail"].as_str().expect("text");
+            assert!(detail.contains(&format!("stictiond audit renew {}", audit.display())), "{detail}");
+        }
+        // Past the record: there is nothing to take back.
+        let problem =
+            assert_problem(&post(daemon.api, &format!("{LOOP}/withdraw"), r#"{"by": "Bob"}"#).await, 409);
+        assert_eq!(problem["type"], "urn:stictiond:problem:writeback_state");
+        let health = get(daemon.api, "/healthz").await.json();
+        assert_eq!(
+            (&health["audit"]["state"], &health["audit"]["damaged"]),
+            (&"failing".into(), &true.into())
+        );
+        assert_eq!(plant.term().0, 0.0);
+        daemon.signal("-TERM");
+        daemon.child.wait().await.expect("waited");
+    }
+}
+
 /// Names are believed, so nobody beyond this machine may act.
 #[tokio::test]
 async fn on_a_listener_for_the_network_nobody_acts() {
