@@ -36,7 +36,7 @@ use crate::results::{Judged, Results};
 use crate::schedule::{self, Clock, Diagnose, Job, Scheduler};
 use crate::serve::{self, Context, LoopInfo};
 use crate::signal::LoopId;
-use crate::writeback::SAID_AGAIN_S;
+use crate::writeback::TERM_REPEAT_S;
 use backfill::BackfillJobs;
 use device::Device;
 use fleet::Fleet;
@@ -359,7 +359,7 @@ impl App {
         self.writeback.end().await;
         restart::warn_of_what_needs_one(&state.config, &config);
         let history = Arc::new(state.history.successor(&wired.loops, &config.history));
-        history.keep_terms_of(&state.history, SAID_AGAIN_S);
+        history.keep_terms_of(&state.history, TERM_REPEAT_S);
         let (mut before, mut devices) = (std::mem::take(&mut state.devices), Vec::new());
         for plan in wired.into_plans() {
             let same = before.iter().position(|device| device.carries_on(&plan, &history));

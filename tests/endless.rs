@@ -21,6 +21,8 @@ mod noise;
 mod parallel;
 #[path = "endless/rig.rs"]
 mod rig;
+#[path = "endless/session.rs"]
+mod session;
 
 use rig::{Flood, Wire, flood, holds};
 

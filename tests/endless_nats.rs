@@ -110,6 +110,38 @@ async fn messages_come_in_their_order_however_large_and_many_they_are() {
     assert_eq!(came, sizes);
 }
 
+/// A reader was given more than is held at once, and did not do it. It comes again in order, and no more is held at once.
+#[tokio::test]
+async fn what_is_given_again_comes_in_its_order_and_in_portions() {
+    let hub = hub("again", |_| "max_payload: 16MB\n".into());
+    let link = connected(&config(&format!("servers = ['{}']", hub.url()))).await;
+    let messages: Vec<Outgoing> = (0..30).map(|n| message("FIC1", What::Diagnosis, n, 1 << 19)).collect();
+    link.send(&messages).await.map_err(|(_, error)| error).expect("they are kept");
+    let mut first = link.read(EVENTS, "centre_c1", "").await.expect("the server is there");
+    let (mut given, begun) = (0, Instant::now());
+    while given < messages.len() {
+        assert!(begun.elapsed() < PATIENCE, "{given} came");
+        given += first.next(256, Duration::from_secs(1)).await.expect("the connection stands").len();
+    }
+    drop(first);
+
+    let mut second = link.read(EVENTS, "centre_c1", "").await.expect("the server is there");
+    let (mut came, mut portions, begun) = (Vec::new(), 0, Instant::now());
+    while came.len() < messages.len() {
+        assert!(begun.elapsed() < PATIENCE, "{came:?} came");
+        let some = second.next(256, Duration::from_secs(1)).await.expect("the connection stands");
+        let bytes: usize = some.iter().map(|message| message.body().len()).sum();
+        assert!(bytes <= HELD, "{bytes} bytes are held at once");
+        portions += usize::from(!some.is_empty());
+        for message in some {
+            message.done().await.expect("the server is there");
+            came.push(message.body()[0]);
+        }
+    }
+    assert_eq!(came, (0..30).collect::<Vec<u8>>());
+    assert!(portions >= 2, "all of it was held at once");
+}
+
 /// An authority, and what it signed for a server on this machine and for us, as files.
 fn certificates(folder: &Path) {
     let file = |name: &str, text: String| fs::write(folder.join(name), text).expect("writable");

@@ -2,7 +2,7 @@
 //! centre has those of the edges.
 
 mod alone;
-mod announced;
+mod announcing;
 mod asking;
 mod centre;
 mod certificates;
@@ -36,7 +36,7 @@ use prost::Message;
 use standing::Standing;
 use std::collections::{BTreeMap, HashMap};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
-use std::sync::{Arc, Mutex, OnceLock};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 use teller::Firsts;
 use tokio::sync::{RwLock, RwLockWriteGuard, mpsc, watch};
@@ -283,6 +283,11 @@ impl Fleet {
     }
 }
 
+/// Locks what several tasks share. It stays usable after one of them panicked, because each step of a change leaves it whole.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 fn check(role: Role, config: &Config, own: &fleet::Config) -> Result<(), String> {
     match role {
         Role::Edge if own.site.is_none() => Err("[fleet] site: an edge needs one".into()),
@@ -313,7 +318,7 @@ impl Config {
         [Role::Edge, Role::Worker, Role::Centre].map(|role| (role.as_str(), check(role, self, own))).into()
     }
 
-    /// What is to be thought of where a part of a fleet would start with this configuration.
+    /// Remarks on a configuration with which a part of a fleet would start.
     pub fn fleet_remarks(&self) -> Vec<String> {
         let is_edge = self.fleet.as_ref().is_some_and(|own| check(Role::Edge, self, own).is_ok());
         let notify = &self.notify;

@@ -109,14 +109,6 @@ pub struct Announcement {
 }
 
 impl Announcement {
-    /// Reads a message that came. `None` if it is not the last part of its announcement. Refuses a message that is no part.
-    pub fn read(subject: &str, bytes: impl Into<Bytes>) -> Option<Self> {
-        match Heard::read(subject, bytes)? {
-            Heard::Last(own) => Some(own),
-            Heard::Part(..) => None,
-        }
-    }
-
     /// Whose list it is.
     pub fn edge(&self) -> &Subject {
         &self.edge

@@ -1,8 +1,8 @@
-//! What a message is known by.
+//! The digest by which a message is known.
 
 use sha2::{Digest, Sha256};
 
-/// The same bytes to the same subject have the same.
+/// SHA-256 of a message: of its subject and its body.
 pub fn digest(subject: &str, body: &[u8]) -> [u8; 32] {
     let mut hash = Sha256::new();
     hash.update(subject.as_bytes());
@@ -11,7 +11,7 @@ pub fn digest(subject: &str, body: &[u8]) -> [u8; 32] {
     hash.finalize().into()
 }
 
-/// As it is written.
+/// Bytes as hexadecimal digits.
 pub(super) fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }

@@ -24,7 +24,7 @@ impl Seen {
         format!("{epoch} {holder}")
     }
 
-    /// The message with this number; `None` for a text that is none.
+    /// The message with this number; `None` for a text that is no lease.
     pub fn read(sequence: u64, text: &str) -> Option<Self> {
         let (epoch, holder) = text.split_once(' ')?;
         Some(Self { sequence, holder: holder.to_string(), epoch: epoch.parse().ok()? })

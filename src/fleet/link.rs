@@ -1,6 +1,10 @@
 //! What is asked of NATS, through its client; `relay` bounds what its servers say.
 
+mod again;
+mod error;
+mod hearing;
 mod outgoing;
+mod reading;
 
 use super::config::Config;
 pub use super::digest::digest;
@@ -10,238 +14,32 @@ use super::login;
 use super::ops::MOST_MESSAGE;
 use super::relay::Relay;
 use super::streams::{self, LATEST, LEASE};
+use again::{GIVEN_AGAIN, UNACKNOWLEDGED};
+use async_nats::Client;
 use async_nats::connection::State;
 use async_nats::jetstream::consumer::{AckPolicy, Consumer, DeliverPolicy, pull};
 use async_nats::jetstream::context::{ContextBuilder, PublishErrorKind};
-use async_nats::jetstream::message::{AckKind, PublishMessage};
+use async_nats::jetstream::message::PublishMessage;
 use async_nats::jetstream::stream::LastRawMessageErrorKind;
 use async_nats::jetstream::{self, Context};
-use async_nats::{Client, Subscriber};
+pub use error::LinkError;
+use error::away;
 use futures::StreamExt;
+use hearing::HEAD;
+pub use hearing::Hearing;
 pub use outgoing::Outgoing;
-use prost::bytes::Bytes;
-use std::collections::BTreeMap;
-use std::time::{Duration, Instant};
+use reading::ANSWER;
+pub use reading::{Incoming, Reading};
+use std::time::Duration;
 
-/// Longest wait for one answer of a server (s).
-const ANSWER: Duration = Duration::from_secs(5);
-/// A server that has nothing says so after the time that it was given; one that is silent for so much longer is gone, or has no
-/// such reader any more. The client's own timer, of 5 s, would take that for nothing new.
-const SILENT: Duration = Duration::from_secs(4);
 /// Messages that are on their way at once.
 const UNDER_WAY: usize = 128;
-/// Messages that are asked for at once. What comes for all readers together is to be less than
-/// [`MOST_ANSWER`](super::ops::MOST_ANSWER).
-const PORTION: usize = 32;
-/// The same for what machines say of themselves: a part of a list of loops is larger than most messages.
-const LARGE: usize = 1;
-/// Bytes after which no more are asked for before those are taken.
-const HELD: usize = 1 << 23;
-/// Shortest wait that is asked for: a server takes none at all for one without end.
-const SHORTEST: Duration = Duration::from_millis(10);
 /// A consumer that nobody asked for longer is forgotten by the server.
 const FORGOTTEN_AFTER: Duration = Duration::from_secs(7 * 86_400);
-/// A message that its only reader has not done within this time is given to it again.
-const GIVEN_AGAIN: Duration = Duration::from_secs(10);
-/// How late a server may be with that.
-const MARGIN: Duration = Duration::from_secs(1);
-
-/// Why the link does not do what it was asked.
-#[derive(Debug, thiserror::Error)]
-pub enum LinkError {
-    /// A file that it was told of cannot be used.
-    #[error("[fleet] {0}")]
-    Settings(String),
-    /// Nobody answers.
-    #[error("NATS: {0}")]
-    Away(String),
-    /// Somebody else wrote first.
-    #[error("NATS: another message came first")]
-    Overtaken,
-    /// The message is larger than a server takes (bytes).
-    #[error("NATS: a message of {0} bytes is larger than the server takes")]
-    TooLarge(usize),
-}
-
-fn away(error: impl std::fmt::Display) -> LinkError {
-    LinkError::Away(error.to_string())
-}
-
-/// A message that a stream kept.
-#[derive(Debug)]
-pub struct Incoming {
-    message: jetstream::Message,
-}
-
-impl Incoming {
-    /// Where it was sent to.
-    pub fn subject(&self) -> &str {
-        self.message.subject.as_str()
-    }
-
-    /// What was sent.
-    pub fn body(&self) -> &[u8] {
-        &self.message.payload
-    }
-
-    /// The same, shared: what is decoded from it need not copy.
-    pub fn bytes(&self) -> Bytes {
-        self.message.payload.clone()
-    }
-
-    /// Its number among all that were given to its reader.
-    fn given(&self) -> u64 {
-        self.message.info().map_or(0, |info| info.consumer_sequence)
-    }
-
-    /// How many more messages the stream had for its reader when it gave this one.
-    fn pending(&self) -> u64 {
-        self.message.info().map_or(u64::MAX, |info| info.pending)
-    }
-
-    /// Its number in the stream.
-    pub fn sequence(&self) -> u64 {
-        self.message.info().map_or(0, |info| info.stream_sequence)
-    }
-
-    /// When the stream took it (s since the Unix epoch), by the server's clock.
-    pub fn taken_at(&self) -> Option<f64> {
-        let taken = self.message.info().ok()?.published;
-        Some(taken.unix_timestamp_nanos() as f64 * 1e-9)
-    }
-
-    /// Whether it was delivered before.
-    pub fn is_again(&self) -> bool {
-        self.message.info().is_ok_and(|info| info.delivered > 1)
-    }
-
-    /// It is done, and never delivered again.
-    ///
-    /// # Errors
-    /// [`LinkError::Away`]; then it will be delivered again.
-    pub async fn done(&self) -> Result<(), LinkError> {
-        match tokio::time::timeout(ANSWER, self.message.double_ack()).await {
-            Ok(done) => done.map_err(away),
-            Err(late) => Err(away(late)),
-        }
-    }
-
-    /// It is still being worked on.
-    pub async fn under_way(&self) {
-        // Where this fails it is delivered again, which is what happens without it too.
-        let _ = tokio::time::timeout(ANSWER, self.message.ack_with(AckKind::Progress)).await;
-    }
-
-    /// It is to be delivered again, after `pause`.
-    pub async fn again(&self, pause: Duration) {
-        let _ = tokio::time::timeout(ANSWER, self.message.ack_with(AckKind::Nak(Some(pause)))).await;
-    }
-}
-
-/// What a stream has for one reader, which it remembers by name.
-#[derive(Debug)]
-pub struct Reading {
-    consumer: Consumer<pull::Config>,
-    /// Messages that are asked for at once.
-    portion: usize,
-    /// Why the last answer broke off.
-    broken: Option<LinkError>,
-    /// The number that the server gives to the next message, where this is the only reader.
-    next: Option<u64>,
-    /// What was given before and not done, in the order of the stream: it comes first.
-    again: Vec<Incoming>,
-    /// How many of the messages that the stream had when this reading began have not come yet.
-    left: u64,
-}
-
-impl Reading {
-    fn shared(consumer: Consumer<pull::Config>) -> Self {
-        let left = consumer.cached_info().num_pending;
-        Self { consumer, portion: PORTION, broken: None, next: None, again: Vec::new(), left }
-    }
-
-    fn alone(consumer: Consumer<pull::Config>) -> Self {
-        let given = consumer.cached_info().delivered.consumer_sequence;
-        Self { next: Some(given + 1), ..Self::shared(consumer) }
-    }
-
-    /// Number of the last message of the stream that was done when this reading began, and with it all before.
-    pub fn done_before(&self) -> u64 {
-        self.consumer.cached_info().ack_floor.stream_sequence
-    }
-
-    /// Whether everything has come that the stream had when this reading began.
-    pub fn has_caught_up(&self) -> bool {
-        self.left == 0
-    }
-
-    /// When the server made this reader (ns since the Unix epoch): it goes with its stream.
-    pub fn made(&self) -> i128 {
-        self.consumer.cached_info().created.unix_timestamp_nanos()
-    }
-
-    /// Up to `most` messages; those that are there after `patience`. Where the answer breaks off, or a message was lost on its
-    /// way, what came before is the last of this reading: the rest comes to the next.
-    ///
-    /// # Errors
-    /// [`LinkError::Away`]; then the reading is over.
-    pub async fn next(&mut self, most: usize, patience: Duration) -> Result<Vec<Incoming>, LinkError> {
-        if !self.again.is_empty() {
-            return Ok(self.again.drain(..most.min(self.again.len())).collect());
-        }
-        let (until, mut all, mut bytes) = (Instant::now() + patience, Vec::new(), 0);
-        loop {
-            let (wanted, now) = (self.portion.min(most - all.len()), Instant::now());
-            match self.ask(wanted, until.saturating_duration_since(now).max(SHORTEST)).await {
-                Err(error) if all.is_empty() => return Err(error),
-                Err(error) => self.broken = Some(error),
-                Ok(some) => {
-                    let is_whole = some.len() == wanted && self.broken.is_none();
-                    bytes += some.iter().map(|message| message.body().len()).sum::<usize>();
-                    all.extend(some);
-                    if is_whole && all.len() < most && bytes < HELD && Instant::now() < until {
-                        continue;
-                    }
-                }
-            }
-            return Ok(all);
-        }
-    }
-
-    async fn ask(&mut self, most: usize, patience: Duration) -> Result<Vec<Incoming>, LinkError> {
-        if let Some(error) = self.broken.take() {
-            return Err(error);
-        }
-        let most = most.min(self.portion);
-        let asked = self.consumer.batch().max_messages(most).expires(patience).messages();
-        let mut messages = asked.await.map_err(away)?;
-        let mut all = Vec::new();
-        let reading = async {
-            while let Some(message) = messages.next().await {
-                let message = Incoming { message: message.map_err(away)? };
-                if let Some(next) = &mut self.next {
-                    if message.given() != *next {
-                        return Err(away("a message was lost on its way"));
-                    }
-                    *next += 1;
-                }
-                // A message that a newer one of its subject replaces never comes, so the server's own count is used, too.
-                self.left = self.left.saturating_sub(1).min(message.pending());
-                all.push(message);
-            }
-            Ok::<_, LinkError>(())
-        };
-        // A server that has gone says nothing more; what came before is taken all the same.
-        let ended = tokio::time::timeout(patience + SILENT, reading).await;
-        match ended.unwrap_or_else(|_| Err(away("no answer"))) {
-            Err(error) if all.is_empty() => Err(error),
-            ended => {
-                self.broken = ended.err();
-                Ok(all)
-            }
-        }
-    }
-}
+/// The same for one that has no name, which is of use to one process only.
+const NAMELESS_FORGOTTEN_AFTER: Duration = Duration::from_secs(300);
+/// Readers of one stream that are asked about: as many as a server lists in one answer, and far more than there are centres.
+const MOST_READERS: usize = 256;
 
 /// A connection to the fleet.
 #[derive(Clone, Debug)]
@@ -321,7 +119,7 @@ impl Link {
                 if !self.is_up() {
                     return Err(fail(away("not connected")));
                 }
-                if message.body.len() + 512 > self.max_bytes() {
+                if message.body.len() + HEAD > self.max_bytes() {
                     return Err(fail(LinkError::TooLarge(message.body.len())));
                 }
                 let outgoing = PublishMessage::build().payload(message.body.clone().into());
@@ -351,12 +149,12 @@ impl Link {
         }
     }
 
-    /// Hears messages that nobody keeps.
+    /// Hears messages that nobody keeps. What comes faster than it is taken is left out.
     ///
     /// # Errors
     /// [`LinkError::Away`].
-    pub async fn hear(&self, subject: String) -> Result<Subscriber, LinkError> {
-        self.client.subscribe(subject).await.map_err(away)
+    pub async fn hear(&self, subject: String) -> Result<Hearing, LinkError> {
+        self.client.subscribe(subject).await.map(Hearing::of).map_err(away)
     }
 
     /// The last message of a subject, with its number in the stream.
@@ -373,30 +171,13 @@ impl Link {
     }
 
     /// What a stream has for the only reader called `name`, from the first message on that it has not done, in the order of the
-    /// stream. Where messages were given to it before and it has not done them, it waits until the server gives them again.
+    /// stream. Where messages were given to it before and it has not done them, it waits until the server gives them again. Where
+    /// those take more than may be held, the reading waits once more for each portion of them.
     ///
     /// # Errors
     /// [`LinkError::Away`].
     pub async fn read(&self, stream: &str, name: &str, filter: &str) -> Result<Reading, LinkError> {
-        let mut reading = Reading::alone(self.consumer(stream, name, filter, (GIVEN_AGAIN, -1)).await?);
-        let pending = reading.consumer.cached_info().num_ack_pending;
-        if pending > 0 {
-            // By then the server gives all of it again, in any order. One that was started meanwhile counts from its start,
-            // and gives what is new before that.
-            tokio::time::sleep(GIVEN_AGAIN + MARGIN).await;
-            let (mut again, mut left, mut since) = (BTreeMap::new(), pending, Instant::now());
-            // What is still missing then was deleted from the stream.
-            while left > 0 && since.elapsed() < GIVEN_AGAIN + MARGIN {
-                for message in reading.ask(UNDER_WAY, MARGIN).await? {
-                    if message.is_again() && !again.contains_key(&message.sequence()) {
-                        (left, since) = (left.saturating_sub(1), Instant::now());
-                    }
-                    again.insert(message.sequence(), message);
-                }
-            }
-            reading.again = again.into_values().collect();
-        }
-        Ok(reading)
+        Reading::from_first(self.consumer(stream, name, filter, (GIVEN_AGAIN, -1)).await?).await
     }
 
     /// What a stream has for all who read as `name`, each message for one of them. One that is not done within `patience` is
@@ -429,7 +210,7 @@ impl Link {
             ack_policy: AckPolicy::Explicit,
             ack_wait: patience,
             max_deliver: attempts,
-            max_ack_pending: 4096,
+            max_ack_pending: i64::from(UNACKNOWLEDGED),
             inactive_threshold: FORGOTTEN_AFTER,
             ..pull::Config::default()
         };
@@ -446,11 +227,10 @@ impl Link {
             filter_subject: filter.to_string(),
             deliver_policy: DeliverPolicy::LastPerSubject,
             ack_policy: AckPolicy::None,
-            inactive_threshold: Duration::from_secs(300),
+            inactive_threshold: NAMELESS_FORGOTTEN_AFTER,
             ..pull::Config::default()
         };
-        let reading = Reading::alone(stream.create_consumer(config).await.map_err(away)?);
-        Ok(Reading { portion: LARGE, ..reading })
+        Ok(Reading::of_large(stream.create_consumer(config).await.map_err(away)?))
     }
 
     /// The lease as it stands.
@@ -480,11 +260,15 @@ impl Link {
     /// where that does not exist, or while a message is under way: servers before 2.9.15 forget such a message then.
     ///
     /// # Errors
-    /// [`LinkError::Away`].
+    /// [`LinkError::Away`], also where the stream has more than 256 readers.
     pub async fn purge_done(&self, stream: &str, part: &str) -> Result<(), LinkError> {
         let stream = self.js.get_stream(stream).await.map_err(away)?;
-        let (mut consumers, mut done) = (stream.consumers(), None::<u64>);
-        while let Some(consumer) = consumers.next().await {
+        let (mut consumers, mut done) = (stream.consumers().enumerate(), None::<u64>);
+        while let Some((at, consumer)) = consumers.next().await {
+            // A server may list readers without end.
+            if at >= MOST_READERS {
+                return Err(away(format!("a stream has more than {MOST_READERS} readers")));
+            }
             let consumer = consumer.map_err(away)?;
             if consumer.num_ack_pending > 0 {
                 return Ok(());
@@ -503,7 +287,7 @@ impl Link {
             done = done.map(|least| least.min(part.ack_floor.stream_sequence));
         }
         if let Some(done) = done.filter(|done| *done > 0) {
-            stream.purge().sequence(done + 1).await.map_err(away)?;
+            stream.purge().sequence(done.saturating_add(1)).await.map_err(away)?;
         }
         Ok(())
     }

@@ -344,7 +344,7 @@ pub struct HelloPart {
     pub body: Bytes,
 }
 
-/// What an edge is.
+/// The list that an edge announces.
 #[derive(Clone, PartialEq, Message)]
 pub struct Hello {
     /// Its loops.

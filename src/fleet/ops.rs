@@ -11,7 +11,7 @@ pub const MOST_MESSAGE: u64 = (1 << 23) - (1 << 16);
 pub const MOST_PINGS: u32 = 64;
 /// All bytes between two of our requests: what several readers have asked for at once.
 pub const MOST_ANSWER: u64 = 20 << 20;
-/// Who lines are from in the log where others decide how many there are: they are counted as those of a library are.
+/// Target of log lines whose number a peer decides: they are bounded as the lines of a library are.
 pub(super) const LOG: &str = "nats";
 
 /// Why a server is not heard any further. It says nothing that the server chooses: what is said once is then the same each time.
@@ -26,10 +26,10 @@ pub enum Refused {
     /// A line that the library cannot read, or ends at.
     #[error("the server sends a line that cannot be read")]
     Unreadable,
-    /// Questions without end.
+    /// Too many questions whether we are there.
     #[error("the server asks {most} times whether we are there and takes no answer", most = MOST_PINGS)]
     Pings,
-    /// All of it, for one request.
+    /// Too many bytes for one request.
     #[error("the server sends more than {most} bytes for one request", most = MOST_ANSWER)]
     Answer,
 }

@@ -6,6 +6,7 @@
 //! in place of its name.
 
 use super::config::Config;
+use super::digest::hex;
 use super::login;
 use super::ops::{LOG, MOST_LINE, Refused, Watch};
 use crate::dial;
@@ -64,7 +65,7 @@ impl Relay {
             config.servers.iter().map(|server| Server::of(server)).collect::<Result<Vec<_>, _>>()?;
         let mut bytes = [0; 16];
         getrandom::fill(&mut bytes).map_err(|error| format!("there are no random numbers: {error}"))?;
-        let secret: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+        let secret = hex(&bytes);
         let none = |error: io::Error| format!("there is no port on 127.0.0.1: {error}");
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).await.map_err(none)?;
         let address = listener.local_addr().map_err(none)?;
@@ -118,7 +119,7 @@ struct Server {
     address: ServerAddr,
     /// Attempts since it last let us in.
     failed: u32,
-    /// Why it did not, as the log has it.
+    /// Why the last attempt failed, as it was logged.
     told: Option<String>,
 }
 
@@ -174,7 +175,7 @@ impl Between {
         }
     }
 
-    /// A server did not, or says what nobody may; each reason is told once.
+    /// A server did not let us in, or what it sent was refused. A reason is logged unless it is the last one again.
     fn failed(&self, at: &ServerAddr, why: Option<String>) {
         let mut servers = self.servers();
         let Some(server) = servers.iter_mut().find(|server| server.address == *at) else { return };

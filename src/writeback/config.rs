@@ -11,7 +11,7 @@ use std::time::Duration;
 pub(super) const GRACE: Duration = Duration::from_secs(2);
 
 /// Time after which a term in force is recorded again although it has not changed (s). If it is not, the term has ended.
-pub const SAID_AGAIN_S: f64 = 60.0;
+pub const TERM_REPEAT_S: f64 = 60.0;
 
 /// `[writeback]`: the audit log.
 #[derive(Clone, Debug, PartialEq, Deserialize)]

@@ -17,7 +17,7 @@ mod link;
 #[cfg(feature = "writeback")]
 mod run;
 
-pub use config::{Config, LoopConfig, SAID_AGAIN_S, Target, TermType, WordOrder};
+pub use config::{Config, LoopConfig, TERM_REPEAT_S, Target, TermType, WordOrder};
 #[cfg(feature = "writeback")]
 pub use link::Writer;
 #[cfg(feature = "writeback")]

@@ -1,6 +1,6 @@
 //! One task per loop: it shows the loop to the gate, puts on record what the gate says, and writes what it orders.
 
-use super::config::{GRACE, SAID_AGAIN_S, Target};
+use super::config::{GRACE, TERM_REPEAT_S, Target};
 use super::link::Writer;
 use crate::audit::Recorder;
 use crate::compensation::gate::{
@@ -189,7 +189,7 @@ impl Slot {
         let value = term * self.percent;
         // A clock that was set back is no reason to be silent.
         let known =
-            said.is_some_and(|(since, last)| last == value && (0.0..SAID_AGAIN_S).contains(&(at - since)));
+            said.is_some_and(|(since, last)| last == value && (0.0..TERM_REPEAT_S).contains(&(at - since)));
         if !known {
             *said = Some((at, value));
             (self.keep)(Sample::good(at, value));

@@ -6,6 +6,9 @@ use stictiond::config;
 /// What is replaced by what, and what the one error says: its line, the thing, the remedy.
 const WRONG: &[(&str, &str, usize, &[&str])] = &[
     ("10.0.0.5:502", "${PLC}:502", 4, &["variables are not filled in", "${PLC}", "write the value itself"]),
+    ("10.0.0.5:502", "%PLC%:502", 4, &["address", "is not host:port", "variables are not filled in"]),
+    ("10.0.0.5:502", "<PLC-IP>:502", 4, &["address", "is not host:port", "variables are not filled in"]),
+    ("10.0.0.5:502", "$PLC:502", 4, &["address", "is not host:port", "variables are not filled in"]),
     ("10.0.0.5:502", "10.0.0.5", 4, &["address", "'10.0.0.5' is not host:port", "10.0.0.5:502"]),
     ("10.0.0.5:502", "tcp://10.0.0.5:502", 4, &["address", "is not host:port", "leave out the scheme"]),
     ("10.0.0.5:502", "10.0.0.256:502", 4, &["address", "is not host:port", "four numbers from 0 to 255"]),

@@ -4,14 +4,13 @@
 use crate::daemon::{Daemon, folder, stictiond};
 use crate::nats::{Nats, check};
 use crate::rig::{PATIENCE, alarm, diagnosed, loops, tells};
-use async_nats::Subscriber;
-use futures::{FutureExt, StreamExt};
+use futures::StreamExt;
 use std::fmt::Display;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use stictiond::fleet::config::Config;
-use stictiond::fleet::link::{Link, Outgoing};
+use stictiond::fleet::link::{Hearing, Link, Outgoing};
 use stictiond::fleet::streams::{ACTIONS, EVENTS, LATEST, SAMPLES, WINDOWS};
 use stictiond::fleet::subject::{NO_SITE, Subject, What, all};
 
@@ -19,6 +18,8 @@ use stictiond::fleet::subject::{NO_SITE, Subject, What, all};
 const HASH: &str = "$2a$11$replace.this.by.the.hash.of.a.password.of.your.ownxxxxxxxx";
 const PASSWORD: &str = "a-password-of-our-own";
 const A_WHILE: Duration = Duration::from_secs(10);
+/// What has reached this process is heard far sooner.
+const A_MOMENT: Duration = Duration::from_secs(1);
 
 fn path(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("deploy/nats").join(name)
@@ -201,20 +202,20 @@ impl Roles {
         }
         assert_eq!(good(centre.lease().await).map(|own| own.holder).as_deref(), Some("c1"));
         good(worker.share(WINDOWS, "workers", &all(None, What::Window), (A_WHILE, 3)).await);
-        assert!(!has_heard(&mut overheard), "a worker has heard samples");
+        assert!(!has_heard(&mut overheard).await, "a worker has heard samples");
         // The answer to another site first: who hears the second would have heard it.
         for site in ["east", "north"] {
             let answer = message(site, "A", What::Answer);
             good(worker.tell(answer.subject, answer.body).await);
         }
         tokio::time::timeout(PATIENCE, own.next()).await.expect("it is heard").expect("it is connected");
-        assert!(!has_heard(&mut foreign), "an edge has heard what another is told");
+        assert!(!has_heard(&mut foreign).await, "an edge has heard what another is told");
     }
 }
 
 /// Whether something has come.
-fn has_heard(subscriber: &mut Subscriber) -> bool {
-    matches!(subscriber.next().now_or_never(), Some(Some(_)))
+async fn has_heard(hearing: &mut Hearing) -> bool {
+    matches!(tokio::time::timeout(A_MOMENT, hearing.next()).await, Ok(Some(_)))
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -1,7 +1,6 @@
 //! What a worker says of a window: to the last bit what is said without a fleet, once, and of no loop that may be written to.
 
 use crate::rig::{Fleet, PATIENCE, connected};
-use async_nats::Subscriber;
 use futures::StreamExt;
 use prost::Message;
 use std::collections::HashMap;
@@ -9,7 +8,7 @@ use std::sync::Arc;
 use stictiond::app::App;
 use stictiond::diagnosis::Settings;
 use stictiond::fleet::convert::block;
-use stictiond::fleet::link::{Link, Outgoing, digest};
+use stictiond::fleet::link::{Hearing, Link, Outgoing, digest};
 use stictiond::fleet::message::{Answer, Window};
 use stictiond::fleet::streams::WINDOWS;
 use stictiond::fleet::subject::{Subject, What, all};
@@ -98,13 +97,13 @@ async fn send(link: &Link, message: Outgoing) {
     link.send(&[message]).await.map_err(|(_, error)| error).expect("it is kept");
 }
 
-async fn next(answers: &mut Subscriber) -> Answer {
+async fn next(answers: &mut Hearing) -> Answer {
     let message = tokio::time::timeout(PATIENCE, answers.next()).await.expect("somebody answers");
     Answer::decode(&message.expect("it is connected").payload[..]).expect("ours")
 }
 
 /// Has a worker diagnose the jobs, and demands that it says of each what is said here.
-async fn is_same(link: &Link, answers: &mut Subscriber, jobs: &[Job]) -> Vec<Run> {
+async fn is_same(link: &Link, answers: &mut Hearing, jobs: &[Job]) -> Vec<Run> {
     for job in jobs {
         send(link, job.message()).await;
     }

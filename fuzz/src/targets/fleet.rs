@@ -1,6 +1,6 @@
 //! What a NATS server sends, as it is counted, and what the machines of a fleet say through it.
 
-use stictiond::fleet::announcement::Announcement;
+use stictiond::fleet::announcement::Heard;
 use stictiond::fleet::convert;
 use stictiond::fleet::message::{
     Action, Alarm, Answer, Cursor, Diagnosis, Hello, HelloPart, Pulse, Run, Samples, Window,
@@ -29,7 +29,7 @@ fn row(run: &Run) {
 /// A part of an announcement by this number, in a stream that has no other.
 fn announced(number: u32, part: &[u8]) {
     let subject = Subject::new("north", "e1", What::Hello).part(number);
-    let Some(mut own) = Announcement::read(&subject, part.to_vec()) else { return };
+    let Some(Heard::Last(mut own)) = Heard::read(&subject, part.to_vec()) else { return };
     while let Some(next) = own.next_subject() {
         if !own.push((next == subject).then(|| part.to_vec())) {
             return;

@@ -90,7 +90,8 @@ impl Alone {
         log.iter().rev().filter(|change| is_untold(change)).cloned().collect()
     }
 
-    /// For who forwards; `holds` where people are told here, by an edge that runs since `since` (s).
+    /// What is to be known while changes are forwarded. What happened before `since` (s) is not told here. `holds`: this edge tells
+    /// people.
     pub(super) fn so_far(&self, since: f64, holds: bool) -> Told {
         Told { heard: self.heard.clone(), told: self.told.clone(), since, holds }
     }

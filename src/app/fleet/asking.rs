@@ -1,6 +1,6 @@
 //! An edge asks workers for diagnoses. Who has no answer in time diagnoses by itself, and does not ask for a while.
 
-use super::window;
+use super::{lock, window};
 use crate::fleet::link::{Link, LinkError, Outgoing, digest};
 use crate::fleet::message::Answer;
 use crate::fleet::subject::{Subject, What, all};
@@ -11,7 +11,7 @@ use crate::signal::LoopId;
 use futures::StreamExt;
 use prost::Message;
 use std::collections::{HashMap, HashSet};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, RwLock};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError, RwLock};
 use std::time::Duration;
 use tokio::sync::oneshot;
 
@@ -20,6 +20,18 @@ const REST: Duration = Duration::from_secs(60);
 
 /// Questions that wait for an answer, by the digest of the window.
 type Pending = HashMap<[u8; 32], oneshot::Sender<Told>>;
+
+/// A question that waits for an answer, until this is dropped.
+struct Question<'a> {
+    pending: &'a Mutex<Pending>,
+    key: [u8; 32],
+}
+
+impl Drop for Question<'_> {
+    fn drop(&mut self) {
+        lock(self.pending).remove(&self.key);
+    }
+}
 
 /// Asks workers.
 pub(super) struct Asking {
@@ -69,32 +81,34 @@ impl Asking {
         let body = window::of(&asked, self.within_s)?.encode_to_vec();
         let subject = Subject::new(&self.site, asked.id.as_str(), What::Window).to_string();
         let key = digest(&subject, &body);
+        // Whoever asks may be gone before there is an answer.
+        let (_question, told) = self.question(key);
+        match link.send(&[Outgoing::once(subject, body)]).await {
+            Err((_, LinkError::TooLarge(bytes))) => {
+                tracing::info!(control_loop = %asked.id, bytes, "a window is too large to be sent: diagnosed here");
+                return None;
+            }
+            Err((_, error)) => {
+                self.rest(&error.to_string());
+                return None;
+            }
+            Ok(()) => {}
+        }
+        let within = Duration::from_secs_f64(self.within_s);
+        match tokio::time::timeout(within, told).await {
+            Ok(told) => told.ok(),
+            Err(_) => {
+                self.rest("no worker answered in time");
+                None
+            }
+        }
+    }
+
+    /// Begins to wait for the answer to a window with this digest.
+    fn question(&self, key: [u8; 32]) -> (Question<'_>, oneshot::Receiver<Told>) {
         let (tell, told) = oneshot::channel();
         lock(&self.pending).insert(key, tell);
-        let answer = async {
-            match link.send(&[Outgoing::once(subject, body)]).await {
-                Err((_, LinkError::TooLarge(bytes))) => {
-                    tracing::info!(control_loop = %asked.id, bytes, "a window is too large to be sent: diagnosed here");
-                    return None;
-                }
-                Err((_, error)) => {
-                    self.rest(&error.to_string());
-                    return None;
-                }
-                Ok(()) => {}
-            }
-            let within = Duration::from_secs_f64(self.within_s);
-            match tokio::time::timeout(within, told).await {
-                Ok(told) => told.ok(),
-                Err(_) => {
-                    self.rest("no worker answered in time");
-                    None
-                }
-            }
-        };
-        let answer = answer.await;
-        lock(&self.pending).remove(&key);
-        answer
+        (Question { pending: &self.pending, key }, told)
     }
 
     fn rest(&self, why: &str) {
@@ -124,6 +138,21 @@ impl Asking {
     }
 }
 
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use futures::FutureExt;
+
+    #[test]
+    fn a_question_that_is_given_up_leaves_nothing_behind() {
+        let asking = Asking::new("north", 60.0, Clock::wall());
+        let mut waits = Box::pin(async {
+            let (_question, told) = asking.question([7; 32]);
+            told.await.ok()
+        });
+        assert!(waits.as_mut().now_or_never().is_none(), "nobody answers");
+        assert_eq!(lock(&asking.pending).len(), 1);
+        drop(waits);
+        assert!(lock(&asking.pending).is_empty());
+    }
 }

@@ -7,7 +7,7 @@ use super::lists::Lists;
 use super::order::{Early, Making, Order, Origin, Strange, patience};
 use super::orders::action;
 use super::standing::reader;
-use super::{Fleet, PAUSE, check_rings, window};
+use super::{Fleet, PAUSE, check_rings, lock, window};
 use crate::alarm::{AlarmId, Cause};
 use crate::app::persistence::rows::{remembered_alarms, remembered_change, remembered_model};
 use crate::app::{App, AppError};
@@ -27,8 +27,8 @@ use futures::FutureExt;
 use futures::future::BoxFuture;
 use prost::Message;
 use std::collections::HashMap;
+use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
-use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
 /// Messages that are taken in one go, and made durable together.
@@ -56,7 +56,7 @@ enum Block {
 struct Taken(HashMap<String, u64>);
 
 impl Taken {
-    /// Whether a later one was taken already, or this; if not, it is now.
+    /// Whether this message or a later one was taken already. If not, it counts as taken from now on.
     fn is_past(&mut self, of: &str, sequence: u64) -> bool {
         match self.0.get_mut(of) {
             Some(last) if sequence <= *last => true,
@@ -102,7 +102,7 @@ impl Fleet {
             return Ok(base);
         }
         check_rings(&base).map_err(AppError::Fleet)?;
-        let edges = self.edges.lock().unwrap_or_else(PoisonError::into_inner);
+        let edges = lock(&self.edges);
         let (config, left) = composed(&base, &edges);
         for left in left {
             tracing::warn!("{left}");
@@ -119,8 +119,8 @@ impl Fleet {
 
     /// Follows the announcements of edges: a list of loops is fetched once its last part has come.
     async fn inventory(&self, link: &Link, app: &App) {
-        // What is not in force yet, because it could not be taken.
-        let mut new = false;
+        // Whether an edge has loops that are not in force yet.
+        let mut is_new = false;
         let mut lists = Lists::default();
         loop {
             let mut reading = match link.follow(LATEST, &all(None, What::Hello)).await {
@@ -139,15 +139,16 @@ impl Fleet {
                     }
                 }
                 self.unsettle(&lists);
-                let fetched = self.fetch_lists(link, &mut lists, &mut new).await;
-                if new {
+                let (is_changed, fetched) = self.fetch_lists(link, &mut lists).await;
+                is_new |= is_changed;
+                if is_new {
                     match app.take(None).await {
-                        Ok(()) => new = false,
+                        Ok(()) => is_new = false,
                         Err(error) => tracing::error!(%error, "the loops of the edges cannot be taken"),
                     }
                 }
                 // Until the reading has caught up, the stream may have lists that were not heard yet.
-                if !new && reading.has_caught_up() {
+                if !is_new && reading.has_caught_up() {
                     self.settle_sites(&lists);
                 }
                 if let Err(error) = fetched {
@@ -197,11 +198,11 @@ impl Fleet {
                     }
                     // No ring may go round before the store has read it.
                     if pushed > self.scene.borrow().config.history.samples_per_tag / 2 {
-                        self.settle(app, &mut done, &mut order).await;
+                        self.settle(app, std::mem::take(&mut done), &mut order).await;
                         pushed = 0;
                     }
                 }
-                self.settle(app, &mut done, &mut order).await;
+                self.settle(app, done, &mut order).await;
             }
         }
     }
@@ -311,7 +312,7 @@ impl Fleet {
                     }
                 }
                 self.looked_at.send_modify(|known| *known = last.max(*known));
-                self.settle(app, &mut done, &mut order).await;
+                self.settle(app, done, &mut order).await;
             }
         }
     }
@@ -379,7 +380,7 @@ impl Fleet {
         let now = self.clock.elapsed();
         let site = Subject::read(message.subject()).map(|own| own.site);
         let in_force = site.as_ref().and_then(|site| {
-            let all = self.in_force.lock().unwrap_or_else(PoisonError::into_inner);
+            let all = lock(&self.in_force);
             all.get(site).map(|since| now.saturating_sub(*since))
         });
         let unknown_site = site.as_deref().filter(|_| in_force.is_none());
@@ -392,7 +393,7 @@ impl Fleet {
     }
 
     /// Makes durable what was taken, however long that takes, and acknowledges it.
-    async fn settle(&self, app: &App, done: &mut Vec<Incoming>, order: &mut Order) {
+    async fn settle(&self, app: &App, done: Vec<Incoming>, order: &mut Order) {
         if done.is_empty() {
             return;
         }
@@ -406,7 +407,6 @@ impl Fleet {
         if let Some(error) = results.into_iter().find_map(Result::err) {
             tracing::debug!(%error, "what is stored comes again");
         }
-        done.clear();
         order.stood_still(self.clock.elapsed().saturating_sub(begun));
     }
 

@@ -2,7 +2,7 @@
 //! centre.
 
 use super::alone::Alone;
-use super::announced::Announced;
+use super::announcing::Announcing;
 use super::forward::Forward;
 use super::order::Making;
 use super::orders::read_action;
@@ -57,8 +57,8 @@ impl Fleet {
         let mut forward = Forward::new(&self.site, &self.name);
         // The lease as it was seen last, and when that was new.
         let mut seen: Option<(Seen, Duration)> = None;
-        // How much of our announcement the stream has; since when nothing is forwarded, or the store cannot be read.
-        let (mut announced, mut unheard_since) = (Announced::default(), None::<Duration>);
+        // How far our announcement has come; since when nothing is forwarded, or the store cannot be read.
+        let (mut announcing, mut unheard_since) = (Announcing::default(), None::<Duration>);
         let (mut known, mut handed) = (Alone::default(), Handed::new());
         // There was no lease at the last look.
         let mut gone = false;
@@ -80,7 +80,7 @@ impl Fleet {
                     if is_anew {
                         // What the streams had is lost, and their numbers say nothing any more.
                         known.lost();
-                        announced.lost();
+                        announcing.lost();
                         forward.forget();
                     }
                     if let Some(lease) = lease {
@@ -94,7 +94,7 @@ impl Fleet {
                     }
                 }
                 Err(error) => {
-                    announced.doubt();
+                    announcing.doubt();
                     tracing::debug!(%error, "the lease cannot be looked at");
                 }
             }
@@ -117,7 +117,7 @@ impl Fleet {
             };
             let told = known.so_far(self.since.max(self.clock.now() - NEWS_S), holds);
             let round = async {
-                self.greet(link, &scene, &mut announced).await?;
+                self.announce(link, &scene, &mut announcing).await?;
                 let more = forward.samples(link, &scene.history, &store).await?;
                 Ok::<_, LinkError>(forward.events(link, &store, told).await? || more)
             };
@@ -131,7 +131,7 @@ impl Fleet {
                 Err(error) => {
                     tracing::warn!(%error, "nothing is forwarded: it waits in the store");
                     // The streams may be others when they are there again.
-                    announced.doubt();
+                    announcing.doubt();
                     forward.forget();
                     PAUSE
                 }

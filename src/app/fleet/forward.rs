@@ -87,8 +87,13 @@ struct Part {
     more: bool,
 }
 
-/// Where a tag is after something: what is to be its `next`, its `last` and whether it is `behind`.
-type After = (TagKey, u64, f64, bool);
+/// Where a tag is once a part was sent, or once the store was found to have nothing of it: see [`Place`].
+struct After {
+    key: TagKey,
+    next: u64,
+    last: f64,
+    behind: bool,
+}
 
 impl Forward {
     pub(super) fn new(site: &str, name: &str) -> Self {
@@ -115,7 +120,9 @@ impl Forward {
         let most = link.max_bytes().saturating_sub(HEAD_BYTES);
         let (mut parts, mut missing) = (Vec::new(), Vec::new());
         for own in history.loops() {
-            parts.extend(self.part(own, &mut missing, most));
+            let (part, not_in_ring) = self.part(own, most);
+            parts.extend(part);
+            missing.extend(not_in_ring);
         }
         if !missing.is_empty() {
             // The store first: a centre's rings go forward only.
@@ -151,7 +158,7 @@ impl Forward {
 
     /// `sent`: the last stamps are those of samples.
     fn advance(&mut self, after: Vec<After>, sent: bool) {
-        for (key, next, last, behind) in after {
+        for After { key, next, last, behind } in after {
             if let Some(place) = self.places.get_mut(&key) {
                 (place.next, place.last, place.behind) = (next, last, behind);
                 place.sent = if sent { last } else { place.sent };
@@ -191,9 +198,9 @@ impl Forward {
         Ok(())
     }
 
-    /// What is new of a loop, of at most so many bytes; what the rings no longer hold of it, instead, in `missing`.
-    fn part(&self, own: &LoopTags, missing: &mut Vec<Missing>, most: usize) -> Option<Part> {
-        let id = &own.id;
+    /// What is new of a loop, of at most so many bytes, and the tags of which the ring no longer holds all that is new.
+    fn part(&self, own: &LoopTags, most: usize) -> (Option<Part>, Vec<Missing>) {
+        let (id, mut missing) = (&own.id, Vec::new());
         let (mut tags, mut after, mut more) = (Vec::<TagSamples>::new(), Vec::new(), false);
         for tag in &own.tags {
             let key = (id.clone(), tag.kind.name().to_string(), tag.source.clone());
@@ -206,19 +213,12 @@ impl Forward {
                 missing.push(Missing { key, last: place.last, until: sample.t, next: first });
                 continue;
             }
-            // What is stamped before what came before it begins a message of its own, which says so.
-            let mut before = place.last;
-            let falls = |sample: &Sample| sample.t < std::mem::replace(&mut before, sample.t) - SET_BACK_S;
-            let fall = samples.iter().position(falls);
-            let (set_back, end) = match fall {
-                Some(0) => {
-                    let mut before = samples[0].t;
-                    let falls = |s: &Sample| s.t < std::mem::replace(&mut before, s.t) - SET_BACK_S;
-                    (true, samples.iter().position(falls).unwrap_or(samples.len()))
-                }
-                Some(at) => (false, at),
-                None => (false, samples.len()),
+            // A sample from after the clock was set back begins a message of its own, which says so.
+            let (set_back, end) = match (first_fall(&samples, place.last), samples.first()) {
+                (Some(0), Some(own)) => (true, first_fall(&samples, own.t)),
+                (fall, _) => (false, fall),
             };
+            let end = end.unwrap_or(samples.len());
             let some = &samples[..end];
             let Some(last) = some.last() else { continue };
             let own = TagSamples { set_back, ..block(tag.kind.name(), &tag.source, some) };
@@ -227,10 +227,11 @@ impl Forward {
                 continue;
             }
             more |= samples.len() == MOST_SAMPLES || end < samples.len();
-            after.push((key, first + some.len() as u64, last.t, false));
+            after.push(After { key, next: first + some.len() as u64, last: last.t, behind: false });
             tags.push(own);
         }
-        (!after.is_empty()).then(|| Part { id: id.clone(), tags, after, more })
+        let part = (!after.is_empty()).then(|| Part { id: id.clone(), tags, after, more });
+        (part, missing)
     }
 
     /// Forwards diagnoses and changes of alarms that are new; whether there is more.
@@ -307,8 +308,8 @@ fn message(site: &str, part: &mut Part, places: &HashMap<&LoopId, Vec<(&TagKey, 
         tag.after = place.map(|(_, place)| place.sent).filter(|sent| sent.is_finite());
     }
     let places = own().map(|(key, before)| {
-        let after = part.after.iter().find(|(other, ..)| other == *key);
-        let last = after.map_or(before.last, |(_, _, last, _)| *last);
+        let after = part.after.iter().find(|after| after.key == **key);
+        let last = after.map_or(before.last, |after| after.last);
         message::Place { tag: key.1.clone(), source: key.2.clone(), last }
     });
     let places = places.filter(|place| place.last.is_finite()).collect();
@@ -334,6 +335,13 @@ fn first_after(ring: &Ring, stamp: f64) -> (u64, bool) {
     (first + known as u64, known == 0 && stamp.is_finite())
 }
 
+/// Where the clock was set back among samples: the first that is stamped well before the one in front of it. In front of all of
+/// them is one that is stamped `before` (s).
+fn first_fall(samples: &[Sample], mut before: f64) -> Option<usize> {
+    let falls = |own: &Sample| own.t < std::mem::replace(&mut before, own.t) - SET_BACK_S;
+    samples.iter().position(falls)
+}
+
 /// Whether a message of at most so many bytes takes one tag more; the first always goes.
 fn has_room(tags: &[TagSamples], own: &TagSamples, most: usize) -> bool {
     let bytes: usize = tags.iter().map(Message::encoded_len).sum();
@@ -356,13 +364,13 @@ fn from_store(
         let mut samples: Vec<Sample> = reader.between(id.as_str(), tag, last, end)?;
         samples.retain(|sample| sample.t > last && sample.t < until);
         if samples.is_empty() {
-            nothing.push((key, next, if behind { end } else { last }, behind));
+            nothing.push(After { key, next, last: if behind { end } else { last }, behind });
             continue;
         }
         // One message of a tag at a time: of two under way the second may arrive and the first not.
         let some = &samples[..samples.len().min(MOST_SAMPLES)];
-        let stamp = some.last().map_or(last, |sample| sample.t);
-        let after = (key.clone(), next, stamp, behind || some.len() < samples.len());
+        let last = some.last().map_or(last, |sample| sample.t);
+        let after = After { key: key.clone(), next, last, behind: behind || some.len() < samples.len() };
         let tag = block(tag, source, some);
         match parts.iter_mut().find(|part: &&mut Part| part.id == *id) {
             // It comes with the next message of its loop.
@@ -452,6 +460,18 @@ mod tests {
         // It is no longer there: the last one before it tells.
         assert_eq!(first_after(&ring(&[10.0, 11.0, 13.0]), 12.0), (2, false));
         assert_eq!(first_after(&ring(&[13.0, 14.0]), 12.0), (0, true));
+    }
+
+    #[test]
+    fn a_clock_that_was_set_back_is_found_and_a_sample_that_is_only_late_is_not() {
+        let fall = |stamps: &[f64], before: f64| {
+            let samples: Vec<Sample> = stamps.iter().map(|t| Sample::good(*t, 0.0)).collect();
+            first_fall(&samples, before)
+        };
+        assert_eq!(fall(&[10.0, 9.5, 4.0, 5.0, 1.0], f64::NAN), Some(2));
+        assert_eq!(fall(&[4.0, 5.0], 12.0), Some(0));
+        assert_eq!(fall(&[4.0, 5.0], 4.5), None);
+        assert_eq!(fall(&[], 12.0), None);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //! lists.
 
 use super::lists::Lists;
-use super::{Fleet, Scene};
+use super::{Fleet, Scene, lock};
 use crate::config::{Config, ForwardedTag, LoopConfig, TagConfig, tags};
 use crate::fleet::announcement::Announcement;
 use crate::fleet::link::{Link, LinkError};
@@ -12,14 +12,13 @@ use crate::fleet::subject::{Subject, of_site};
 use crate::signal::{LoopId, Role};
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
-use std::sync::PoisonError;
 
 /// Most loops that a centre takes.
 const MAX_LOOPS: usize = 100_000;
 /// Longest name of a loop with its site (characters).
 const MAX_NAME: usize = 160;
 
-/// What an edge is.
+/// The list that an edge announces: its loops and its collectors.
 pub(super) fn hello(scene: &Scene, collectors: Vec<String>) -> Hello {
     let config = &scene.config;
     let described = |own: &LoopConfig| Loop {
@@ -54,23 +53,17 @@ fn sources(scene: &Scene, own: &LoopConfig) -> Vec<Tag> {
 }
 
 impl Fleet {
-    /// Fetches and takes the lists that wait, one after the other. Sets `new` if an edge has other loops than before.
-    ///
-    /// # Errors
-    /// [`LinkError`]. The lists before the error are taken; the others still wait.
-    pub(super) async fn fetch_lists(
-        &self,
-        link: &Link,
-        lists: &mut Lists,
-        new: &mut bool,
-    ) -> Result<(), LinkError> {
+    /// Fetches and takes the lists that wait, one after the other. Returns whether an edge has other loops than before, and the
+    /// error that ended it, if any. The lists before the error are taken, so they count; the others still wait.
+    pub(super) async fn fetch_lists(&self, link: &Link, lists: &mut Lists) -> (bool, Result<(), LinkError>) {
+        let mut is_changed = false;
         while let Some(mut announcement) = lists.next() {
             let before = announcement.fetched();
             match fetch(link, &mut announcement).await {
                 Ok(true) => {
                     let (edge, digest) = (announcement.edge().clone(), announcement.digest().to_vec());
                     if let Some(hello) = announcement.list() {
-                        *new |= self.take_list(&edge, hello);
+                        is_changed |= self.take_list(&edge, hello);
                         lists.took(edge, digest);
                     }
                 }
@@ -78,16 +71,16 @@ impl Fleet {
                 Err(error) => {
                     let has_more = announcement.fetched() > before;
                     lists.put_back(announcement, has_more);
-                    return Err(error);
+                    return (is_changed, Err(error));
                 }
             }
         }
-        Ok(())
+        (is_changed, Ok(()))
     }
 
     /// Takes sites out of force of which a list has come in part only, or has yet to be fetched.
     pub(super) fn unsettle(&self, lists: &Lists) {
-        let mut in_force = self.in_force.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut in_force = lock(&self.in_force);
         for site in lists.unsettled() {
             in_force.remove(site);
         }
@@ -101,8 +94,8 @@ impl Fleet {
     pub(super) fn settle_sites(&self, lists: &Lists) {
         let (now, unsettled) = (self.clock.elapsed(), lists.unsettled());
         {
-            let edges = self.edges.lock().unwrap_or_else(PoisonError::into_inner);
-            let mut in_force = self.in_force.lock().unwrap_or_else(PoisonError::into_inner);
+            let edges = lock(&self.edges);
+            let mut in_force = lock(&self.in_force);
             for (site, _) in edges.keys().filter(|(site, _)| !unsettled.contains(site.as_str())) {
                 in_force.entry(site.clone()).or_insert(now);
             }
@@ -116,7 +109,7 @@ impl Fleet {
     /// Takes the list of an edge. Returns whether that changes anything.
     fn take_list(&self, edge: &Subject, hello: Hello) -> bool {
         let key = (edge.site.clone(), edge.name.clone());
-        let mut edges = self.edges.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut edges = lock(&self.edges);
         // One that has no loops any more is forgotten.
         let is_new = if hello.loops.is_empty() {
             edges.remove(&key).is_some()
@@ -125,7 +118,7 @@ impl Fleet {
             true
         };
         if is_new {
-            self.in_force.lock().unwrap_or_else(PoisonError::into_inner).remove(&edge.site);
+            lock(&self.in_force).remove(&edge.site);
         }
         is_new
     }

@@ -125,19 +125,19 @@ impl Early {
     }
 }
 
-/// Samples wait for so long for their edge to say that it reads their tag where they are from.
-const SAID: Duration = Duration::from_secs(10);
+/// Samples from another source than their edge has announced wait for so long for the announcement.
+const ANNOUNCEMENT_WAIT: Duration = Duration::from_secs(10);
 
 /// Whether samples are from where their edge says that it reads their tag.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Origin {
-    /// They are.
+    /// They are from there.
     Own,
-    /// They are not, and what the edge says may be on its way.
+    /// They are from elsewhere, and an announcement that says so may be on its way.
     Waits,
-    /// They are not, and from now on that is not waited for.
+    /// They are from elsewhere, and from now on no announcement is waited for.
     GivenUp,
-    /// They are not, as others before them.
+    /// They are from elsewhere, and no announcement is waited for any more.
     Foreign,
 }
 
@@ -184,7 +184,7 @@ impl Strange {
         known.last = now;
         match known.since {
             None => Origin::Foreign,
-            Some(since) if now.saturating_sub(since) < SAID => Origin::Waits,
+            Some(since) if now.saturating_sub(since) < ANNOUNCEMENT_WAIT => Origin::Waits,
             Some(_) => {
                 known.since = None;
                 Origin::GivenUp
@@ -193,8 +193,8 @@ impl Strange {
     }
 }
 
-/// Of which making of a stream something is remembered by the numbers of its messages: one that is made anew, after its server
-/// lost its disk, counts from 1 again.
+/// When the stream was made whose messages are remembered by their numbers. A stream that is made anew, after its server lost its
+/// disk, counts from 1 again.
 #[derive(Default)]
 pub(super) struct Making(Option<i128>);
 
@@ -300,15 +300,19 @@ mod tests {
         assert_eq!(look("two", "one", 2 * SECOND), Origin::Waits);
         assert_eq!(look("two", "two", 3 * SECOND), Origin::Own, "the edge has said so");
         assert_eq!(look("one", "two", 4 * SECOND), Origin::Waits);
-        assert_eq!(look("one", "two", 4 * SECOND + SAID), Origin::GivenUp, "told once");
-        assert_eq!(look("one", "two", 4 * SECOND + SAID), Origin::Foreign, "the next does not wait again");
-        // Two edges may send under one name: the one that is known stays so, and the other does not wait again.
-        assert_eq!(look("two", "two", 5 * SECOND + SAID), Origin::Own);
-        assert_eq!(look("one", "two", 5 * SECOND + SAID), Origin::Foreign);
-        assert_eq!(look("three", "two", 5 * SECOND + SAID), Origin::Waits);
-        assert_eq!(look("three", "two", 6 * SECOND + 2 * SAID), Origin::GivenUp);
+        assert_eq!(look("one", "two", 4 * SECOND + ANNOUNCEMENT_WAIT), Origin::GivenUp, "told once");
         assert_eq!(
-            look("three", "two", 6 * SECOND + 2 * SAID + QUIET),
+            look("one", "two", 4 * SECOND + ANNOUNCEMENT_WAIT),
+            Origin::Foreign,
+            "the next does not wait again"
+        );
+        // Two edges may send under one name: the one that is known stays so, and the other does not wait again.
+        assert_eq!(look("two", "two", 5 * SECOND + ANNOUNCEMENT_WAIT), Origin::Own);
+        assert_eq!(look("one", "two", 5 * SECOND + ANNOUNCEMENT_WAIT), Origin::Foreign);
+        assert_eq!(look("three", "two", 5 * SECOND + ANNOUNCEMENT_WAIT), Origin::Waits);
+        assert_eq!(look("three", "two", 6 * SECOND + 2 * ANNOUNCEMENT_WAIT), Origin::GivenUp);
+        assert_eq!(
+            look("three", "two", 6 * SECOND + 2 * ANNOUNCEMENT_WAIT + QUIET),
             Origin::Waits,
             "after a long silence"
         );

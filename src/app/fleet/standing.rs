@@ -102,7 +102,7 @@ impl Fleet {
         self.standing.epoch(self.clock.elapsed()).is_some()
     }
 
-    /// Waits a little where the server is away.
+    /// Logs what is not done because the server is away, and waits a little.
     pub(super) async fn rest(&self, error: &LinkError, what: &str) {
         tracing::warn!(%error, "{what}");
         tokio::time::sleep(PAUSE).await;

@@ -2,9 +2,9 @@
 //! acknowledged once its receivers have it on disk. What a killed centre had not told comes to the one that leads next. What
 //! came while none led comes to it too.
 
-use super::Fleet;
 use super::centre::{alarm, begin, is_forgotten};
 use super::order::{Making, Order};
+use super::{Fleet, lock};
 use crate::alarm::{AlarmId, State};
 use crate::fleet::link::{Incoming, Link, LinkError};
 use crate::fleet::streams::EVENTS;
@@ -14,7 +14,7 @@ use crate::results::AlarmChange;
 pub(super) use crate::results::NEWS_S;
 use crate::signal::LoopId;
 use std::collections::{HashSet, VecDeque};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
@@ -59,7 +59,7 @@ impl Firsts {
     /// A change came in this message of the stream that was made then.
     pub(super) fn note(&self, change: &AlarmChange, (made, sequence): (i128, u64)) {
         let key = key(change);
-        let mut own = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut own = lock(&self.0);
         if own.0 != made {
             *own = (made, VecDeque::new());
         }
@@ -77,7 +77,7 @@ impl Firsts {
     /// Whether a change came in an earlier message than this of the same stream.
     fn is_repeated(&self, change: &AlarmChange, (made, sequence): (i128, u64)) -> bool {
         let key = key(change);
-        let own = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let own = lock(&self.0);
         own.0 == made && own.1.iter().any(|(own, first)| *own == key && *first < sequence)
     }
 }
@@ -128,7 +128,7 @@ impl Told {
     /// Receivers let go of a message. One that was lost is told again when it comes again.
     fn end(&mut self, sequence: u64, kept: bool) {
         self.held.remove(&sequence);
-        locked(&self.kept).remove(&sequence);
+        lock(&self.kept).remove(&sequence);
         if !kept {
             self.last.retain(|own| *own != sequence);
         }
@@ -154,7 +154,7 @@ impl Told {
         let _ = tokio::time::timeout(LET_GO, self.at_most(0)).await;
         self.ending.abort_all();
         self.ending = JoinSet::new();
-        let kept = std::mem::take(&mut *locked(&self.kept));
+        let kept = std::mem::take(&mut *lock(&self.kept));
         for sequence in std::mem::take(&mut self.held) {
             self.end(sequence, kept.contains(&sequence));
         }
@@ -282,11 +282,6 @@ impl Fleet {
     }
 }
 
-/// A panic elsewhere leaves a set whole: each change to it is one call.
-fn locked(set: &Mutex<HashSet<u64>>) -> MutexGuard<'_, HashSet<u64>> {
-    set.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 /// Acknowledges a message once its receivers have it on disk, and notes that before; whether they have.
 async fn end(message: Incoming, telling: Option<Telling>, noted: &Mutex<HashSet<u64>>) -> bool {
     if let Some(mut telling) = telling {
@@ -301,7 +296,7 @@ async fn end(message: Incoming, telling: Option<Telling>, noted: &Mutex<HashSet<
             return false;
         }
     }
-    locked(noted).insert(message.sequence());
+    lock(noted).insert(message.sequence());
     if let Err(error) = message.done().await {
         tracing::debug!(%error, "what is told comes again");
     }

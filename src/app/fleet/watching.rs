@@ -1,18 +1,17 @@
 //! The machines of the fleet, as they say of themselves.
 
-use super::{Fleet, Role};
+use super::{Fleet, Role, lock};
 use crate::fleet::link::Link;
 use crate::fleet::message::Pulse;
 use crate::fleet::streams::LATEST;
 use crate::fleet::subject::{NO_SITE, Subject, What, all};
 use crate::fleet::weights;
 use crate::serve::{FleetPort, FleetSeen, Machine};
-use std::sync::PoisonError;
 use std::time::Duration;
 
-/// Machines that are taken in one go, and how long they are waited for.
+/// Machines that are taken in one go.
 const MOST: usize = 256;
-/// See [`MOST`].
+/// Longest wait for the first of them.
 const WAIT: Duration = Duration::from_secs(2);
 /// Most machines that are remembered.
 const MACHINES: usize = 10_000;
@@ -33,7 +32,7 @@ impl Fleet {
                     Ok(heard) => heard,
                     Err(error) => break self.rest(&error, "who is there is not heard").await,
                 };
-                let mut machines = self.machines.lock().unwrap_or_else(PoisonError::into_inner);
+                let mut machines = lock(&self.machines);
                 for message in heard {
                     let pulse = weights::read::<Pulse>(message.subject(), message.bytes());
                     let Some((own, pulse)) = Subject::read(message.subject()).zip(pulse) else { continue };
@@ -67,7 +66,7 @@ impl Fleet {
 
 impl FleetPort for Fleet {
     fn seen(&self) -> FleetSeen {
-        let machines = self.machines.lock().unwrap_or_else(PoisonError::into_inner);
+        let machines = lock(&self.machines);
         FleetSeen {
             role: self.role.as_str(),
             name: self.name.clone(),

@@ -38,8 +38,7 @@ impl Fleet {
             let mut reading = match reading {
                 Ok(reading) => reading,
                 Err(error) => {
-                    tracing::warn!(%error, "there are no windows to be had");
-                    stop.run_until_cancelled(tokio::time::sleep(PAUSE)).await;
+                    stop.run_until_cancelled(self.rest(&error, "there are no windows to be had")).await;
                     continue;
                 }
             };
@@ -58,11 +57,7 @@ impl Fleet {
                                 });
                             }
                         }
-                        Err(error) => {
-                            tracing::warn!(%error, "there are no windows to be had");
-                            tokio::time::sleep(PAUSE).await;
-                            return;
-                        }
+                        Err(error) => return self.rest(&error, "there are no windows to be had").await,
                     }
                 }
             };

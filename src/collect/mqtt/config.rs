@@ -3,8 +3,8 @@
 use super::json::Path as JsonPath;
 use crate::collect::scaling::Scaling;
 use crate::collect::{DecimalSign, Issue};
+use crate::credentials;
 use crate::host;
-use crate::login;
 use crate::mqtt::{Broker, Password, default_client_id, topic_fault};
 use crate::signal::Role;
 use serde::Deserialize;
@@ -265,7 +265,7 @@ impl Config {
             }
         };
         unless(!self.name.trim().is_empty(), "name", "a device needs a name");
-        for (field, why) in login::wrong(&self.user, &self.password_file, &self.password_env) {
+        for (field, why) in credentials::wrong(&self.user, &self.password_file, &self.password_env) {
             unless(false, field, why);
         }
         let pair = self.certificate_file.is_some() == self.key_file.is_some();

@@ -4,8 +4,8 @@ use super::names::{NodeName, PathName};
 use super::value::Meaning;
 use crate::collect::scaling::Scaling;
 use crate::collect::{DecimalSign, Issue};
+use crate::credentials;
 use crate::host::host_and_port;
-use crate::login;
 use crate::signal::Role;
 use serde::Deserialize;
 use std::ops::RangeInclusive;
@@ -324,7 +324,7 @@ impl Config {
             "a folder of certificates is needed; or write security_policy = \"None\", then everything is readable and \
              changeable on the way",
         );
-        for (field, why) in login::wrong(&self.user, &self.password_file, &self.password_env) {
+        for (field, why) in credentials::wrong(&self.user, &self.password_file, &self.password_env) {
             unless(false, field, why);
         }
         unless(

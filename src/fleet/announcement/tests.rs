@@ -30,7 +30,9 @@ impl Stream {
 
     /// The list that a centre takes when it hears a message.
     fn heard(&self, message: &Outgoing) -> Option<Hello> {
-        let mut announcement = Announcement::read(&message.subject, message.body.clone())?;
+        let Heard::Last(mut announcement) = Heard::read(&message.subject, message.body.clone())? else {
+            return None;
+        };
         while let Some(subject) = announcement.next_subject() {
             let last = self.0.iter().find(|own| own.subject == subject);
             if !announcement.push(last.map(|own| own.body.clone())) {
@@ -123,7 +125,7 @@ fn parts_that_do_not_belong_together_are_refused() {
 #[test]
 fn what_is_no_part_is_refused() {
     let subject = edge("e1").part(1);
-    let read = |part: &HelloPart| Announcement::read(&subject, part.encode_to_vec());
+    let read = |part: &HelloPart| Heard::read(&subject, part.encode_to_vec());
     let good = HelloPart { whole: vec![0; DIGEST], number: 1, count: 2, body: Bytes::new() };
     let bad = [
         HelloPart { whole: vec![0; DIGEST - 1], ..good.clone() },
@@ -139,17 +141,18 @@ fn what_is_no_part_is_refused() {
         let before = refused();
         assert!(read(&bad).is_none() && refused() > before, "{} of {}", bad.number, bad.count);
     }
-    let own = read(&good).expect("it is the last part");
+    let Some(Heard::Last(own)) = read(&good) else { panic!("it is the last part") };
     assert_eq!((own.edge(), own.digest()), (&edge("e1"), &[0; DIGEST][..]));
     assert_eq!(own.next_subject(), Some(edge("e1").part(0)));
-    assert!(read(&HelloPart { count: 3, ..good.clone() }).is_none(), "it is not the last");
+    let heard = read(&HelloPart { count: 3, ..good.clone() });
+    assert!(matches!(heard, Some(Heard::Part(own, _)) if own == edge("e1")), "it is not the last");
     // A name that is written otherwise would be fetched elsewhere.
     let body = HelloPart { number: 0, count: 1, ..good }.encode_to_vec();
-    assert!(Announcement::read(&edge("e1").part(0), body.clone()).is_some());
+    assert!(Heard::read(&edge("e1").part(0), body.clone()).is_some());
     for other in ["stictiond.v1.north.%651.hello.0", "stictiond.v1.north.e1.hello.00"] {
-        assert!(Announcement::read(other, body.clone()).is_none(), "{other}");
+        assert!(Heard::read(other, body.clone()).is_none(), "{other}");
     }
-    assert!(Announcement::read("stictiond.v1.north.e1.pulse", body).is_none());
+    assert!(Heard::read("stictiond.v1.north.e1.pulse", body).is_none());
 }
 
 #[test]
@@ -159,7 +162,8 @@ fn an_announcement_takes_no_more_than_its_parts() {
         HelloPart { whole: vec![0; DIGEST], number, count: MOST_PARTS, body }.encode_to_vec()
     };
     let last = MOST_PARTS - 1;
-    let mut own = Announcement::read(&edge("e1").part(last), part(last, 1)).expect("the last part");
+    let heard = Heard::read(&edge("e1").part(last), part(last, 1));
+    let Some(Heard::Last(mut own)) = heard else { panic!("it is the last part") };
     // Parts that grow would have a list take room that it does not need.
     for number in 0..MOST_PARTS {
         assert!(own.push(Some(part(number, if number == 0 { 1 } else { PART }))));

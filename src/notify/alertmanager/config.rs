@@ -1,6 +1,6 @@
 //! `[[notify.alertmanager]]`: where it is, and which alarms it hears of.
 
-use crate::login;
+use crate::credentials;
 use crate::notify::filter::Filter;
 use crate::notify::http::Endpoint;
 use crate::notify::secret::Secret;
@@ -70,7 +70,7 @@ impl Config {
         } else if let Err(why) = self.endpoint() {
             unless(false, "url", why);
         }
-        for (field, why) in login::wrong(&self.user, &self.password_file, &self.password_env) {
+        for (field, why) in credentials::wrong(&self.user, &self.password_file, &self.password_env) {
             unless(false, field, why.into());
         }
         let ok = (0.1..=300.0).contains(&self.timeout_s);

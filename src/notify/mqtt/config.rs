@@ -1,8 +1,8 @@
 //! `[notify.mqtt]`: to which broker, as whom, under which topics.
 
 use super::message;
+use crate::credentials;
 use crate::host;
-use crate::login;
 use crate::mqtt::{Broker, Password, default_client_id, topic_fault};
 use serde::Deserialize;
 use std::path::PathBuf;
@@ -146,7 +146,7 @@ impl Config {
                 issues.push((field, message.to_string()));
             }
         };
-        for (field, why) in login::wrong(&self.user, &self.password_file, &self.password_env) {
+        for (field, why) in credentials::wrong(&self.user, &self.password_file, &self.password_env) {
             unless(false, field, why);
         }
         let pair = self.certificate_file.is_some() == self.key_file.is_some();

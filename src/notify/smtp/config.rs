@@ -1,8 +1,8 @@
 //! `[[notify.smtp]]`: by which server, to whom, and which alarms.
 
+use crate::credentials;
 use crate::host;
 use crate::host::{host_and_port, shown};
-use crate::login;
 use crate::notify::batch::Pace;
 use crate::notify::filter::{Filter, What, usual};
 use crate::notify::http::is_loopback;
@@ -108,7 +108,7 @@ impl Config {
                 unless(ok, "security", "\"none\" is for a server on this machine only".into());
             }
         }
-        for (field, why) in login::wrong(&self.user, &self.password_file, &self.password_env) {
+        for (field, why) in credentials::wrong(&self.user, &self.password_file, &self.password_env) {
             unless(false, field, why.into());
         }
         let is_address = |text: &String| text.parse::<Mailbox>().is_ok();

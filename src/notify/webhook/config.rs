@@ -1,6 +1,6 @@
 //! `[[notify.webhook]]`: where to, signed with what, and which alarms.
 
-use crate::login;
+use crate::credentials;
 use crate::notify::batch::Pace;
 use crate::notify::filter::{Filter, What, usual};
 use crate::notify::http::Endpoint;
@@ -76,7 +76,7 @@ impl Config {
             "is the secret itself: write it into a file, and the file's path here".into(),
         );
         unless(secrets < 2, "secret_env", "there is secret_file too: leave one out".into());
-        unless(!login::names_nothing(&self.secret_env), "secret_env", login::NO_NAME.into());
+        unless(!credentials::names_nothing(&self.secret_env), "secret_env", credentials::NO_NAME.into());
         let ok = (0.1..=300.0).contains(&self.timeout_s);
         unless(ok, "timeout_s", format!("{} must be 0.1 to 300", self.timeout_s));
         unless(!self.events.is_empty(), "events", "must name one at least".into());

@@ -10,90 +10,118 @@ use crate::signal::LoopId;
 use prost::Message;
 use std::sync::Arc;
 
-/// How much of its announcement an edge believes to be in the stream.
+/// How far the announcement of an edge has come.
 #[derive(Default)]
-pub(super) struct Announced {
-    /// The scene that needs no further announcement: it was announced, or cannot be.
-    scene: Option<Arc<Scene>>,
-    /// The first part of the announcement under way. It has the digest of the whole list, so it identifies the announcement.
-    first: Option<Outgoing>,
-    /// How many parts the stream has acknowledged, from the first on.
+pub(super) enum Announcing {
+    /// The stream has no part, as far as is known.
+    #[default]
+    NotBegun,
+    /// The stream has the first parts.
+    Sending(Sent),
+    /// The stream has all parts of the list of this scene.
+    Done(Arc<Scene>, Sent),
+    /// The list of this scene cannot be announced.
+    GivenUp(Arc<Scene>),
+}
+
+/// The parts of an announcement that the stream has acknowledged.
+pub(super) struct Sent {
+    /// The first part. It has the digest of the whole list, so it identifies the announcement.
+    first: Outgoing,
+    /// How many parts, from the first on.
     kept: usize,
     /// Whether the stream may have been made anew, and may have lost the parts.
     is_doubted: bool,
 }
 
-impl Announced {
+impl Announcing {
     /// The stream was made anew and has no part.
     pub(super) fn lost(&mut self) {
-        *self = Self::default();
+        *self = Self::NotBegun;
     }
 
     /// The server was away, or may have been: when it is back, its stream may be a new one.
     pub(super) fn doubt(&mut self) {
-        self.is_doubted = true;
-        if self.first.is_none() {
-            // A list that could not be announced is tried again: the server's limits may have changed.
-            self.scene = None;
+        match self {
+            Self::NotBegun => {}
+            Self::Sending(sent) | Self::Done(_, sent) => sent.is_doubted = true,
+            // It is tried again: the server's limits may have changed.
+            Self::GivenUp(_) => *self = Self::NotBegun,
         }
     }
 
     /// The subject of the first part, where the stream has to be asked for it: a stream that was not made anew still has it.
     fn doubted(&self) -> Option<&str> {
-        self.first.as_ref().filter(|_| self.is_doubted).map(|first| first.subject.as_str())
+        match self {
+            Self::Sending(sent) | Self::Done(_, sent) if sent.is_doubted => Some(&sent.first.subject),
+            _ => None,
+        }
     }
 
     /// Takes the stream's answer: the last message with the subject of the first part.
     fn found(&mut self, body: Option<&[u8]>) {
-        if self.first.as_ref().is_some_and(|first| body == Some(&first.body[..])) {
-            self.is_doubted = false;
-        } else {
-            self.lost();
+        match self {
+            Self::Sending(sent) | Self::Done(_, sent) if body == Some(&sent.first.body[..]) => {
+                sent.is_doubted = false;
+            }
+            _ => self.lost(),
         }
     }
 
     /// Whether a scene needs no further announcement.
-    fn is_done(&self, scene: &Arc<Scene>) -> bool {
-        self.scene.as_ref().is_some_and(|own| Arc::ptr_eq(own, scene))
+    fn is_over(&self, scene: &Arc<Scene>) -> bool {
+        match self {
+            Self::NotBegun | Self::Sending(_) => false,
+            Self::Done(own, _) | Self::GivenUp(own) => Arc::ptr_eq(own, scene),
+        }
     }
 
     /// Begins the announcement with this first part, or goes on with it. Returns how many of its parts are kept.
     fn begin(&mut self, first: &Outgoing) -> usize {
-        if self.first.as_ref() != Some(first) {
-            *self = Self { first: Some(first.clone()), ..Self::default() };
+        match self {
+            Self::Sending(sent) | Self::Done(_, sent) if sent.first == *first => sent.kept,
+            _ => {
+                *self = Self::Sending(Sent { first: first.clone(), kept: 0, is_doubted: false });
+                0
+            }
         }
-        self.kept
     }
 
     /// One more part is kept.
     fn keep(&mut self) {
-        self.kept += 1;
+        if let Self::Sending(sent) = self {
+            sent.kept += 1;
+        }
     }
 
     /// All parts are kept.
     fn end(&mut self, scene: &Arc<Scene>) {
-        self.scene = Some(scene.clone());
+        *self = match std::mem::take(self) {
+            // A scene may have the list of the one before.
+            Self::Sending(sent) | Self::Done(_, sent) => Self::Done(scene.clone(), sent),
+            other => other,
+        };
     }
 
     /// A scene cannot be announced: it is not tried again until the server was away.
     fn give_up(&mut self, scene: &Arc<Scene>) {
-        *self = Self { scene: Some(scene.clone()), ..Self::default() };
+        *self = Self::GivenUp(scene.clone());
     }
 }
 
 impl Fleet {
     /// Announces this edge in parts. Parts that the stream has are not sent again, so that a slow line gets through in the end.
-    pub(super) async fn greet(
+    pub(super) async fn announce(
         &self,
         link: &Link,
         scene: &Arc<Scene>,
-        announced: &mut Announced,
+        announcing: &mut Announcing,
     ) -> Result<(), LinkError> {
-        if let Some(subject) = announced.doubted() {
+        if let Some(subject) = announcing.doubted() {
             let last = link.last(LATEST, subject).await?;
-            announced.found(last.as_ref().map(|(_, body)| &body[..]));
+            announcing.found(last.as_ref().map(|(_, body)| &body[..]));
         }
-        if announced.is_done(scene) {
+        if announcing.is_over(scene) {
             return Ok(());
         }
         let names = crate::app::devices_of(&scene.config).iter().map(LoopId::to_string).collect();
@@ -105,11 +133,11 @@ impl Fleet {
                 bytes = list.len(),
                 "the centre does not know this edge's loops: their list is too large for it; divide them between two edges"
             );
-            announced.give_up(scene);
+            announcing.give_up(scene);
             return Ok(());
         }
         let parts = announcement::split(&own, &list);
-        let kept = parts.first().map_or(0, |first| announced.begin(first));
+        let kept = parts.first().map_or(0, |first| announcing.begin(first));
         for part in parts.into_iter().skip(kept) {
             // The next part is sent once this one is kept, so that a centre that hears the last part finds all of them.
             match link.send(&[part]).await {
@@ -118,14 +146,14 @@ impl Fleet {
                         bytes,
                         "the centre does not know this edge's loops: a part of their list is longer than the NATS servers take; raise their max_payload"
                     );
-                    announced.give_up(scene);
+                    announcing.give_up(scene);
                     return Ok(());
                 }
                 sent => sent.map_err(|(_, error)| error)?,
             }
-            announced.keep();
+            announcing.keep();
         }
-        announced.end(scene);
+        announcing.end(scene);
         Ok(())
     }
 }
@@ -146,7 +174,7 @@ mod tests {
 
     #[test]
     fn an_announcement_goes_on_where_it_was_while_the_stream_has_it() {
-        let (mut own, first) = (Announced::default(), first(b"one"));
+        let (mut own, first) = (Announcing::default(), first(b"one"));
         own.doubt();
         assert_eq!(own.doubted(), None);
         assert_eq!(own.begin(&first), 0);
@@ -164,20 +192,20 @@ mod tests {
     fn a_stream_that_was_made_anew_gets_all_parts_again() {
         let other = first(b"two").body;
         for found in [None, Some(&other[..])] {
-            let (mut own, first, scene) = (Announced::default(), first(b"one"), scene());
+            let (mut own, first, scene) = (Announcing::default(), first(b"one"), scene());
             own.begin(&first);
             own.keep();
             own.end(&scene);
             own.doubt();
             own.found(found);
-            assert!(!own.is_done(&scene) && own.doubted().is_none());
+            assert!(!own.is_over(&scene) && own.doubted().is_none());
             assert_eq!(own.begin(&first), 0);
         }
     }
 
     #[test]
     fn another_list_is_announced_from_its_first_part_on() {
-        let mut own = Announced::default();
+        let mut own = Announcing::default();
         own.begin(&first(b"one"));
         own.keep();
         assert_eq!(own.begin(&first(b"two")), 0);
@@ -188,17 +216,21 @@ mod tests {
 
     #[test]
     fn what_is_announced_stays_so_when_something_else_fails() {
-        let (mut own, first, [one, other]) = (Announced::default(), first(b"one"), [scene(), scene()]);
+        let (mut own, first, [one, other]) = (Announcing::default(), first(b"one"), [scene(), scene()]);
         own.begin(&first);
         own.keep();
         own.end(&one);
         own.doubt();
         own.found(Some(&first.body));
-        assert!(own.is_done(&one) && !own.is_done(&other));
+        assert!(own.is_over(&one) && !own.is_over(&other));
+        // The list of the other one is the same, so the stream has it.
+        assert_eq!(own.begin(&first), 1);
+        own.end(&other);
+        assert!(own.is_over(&other) && !own.is_over(&one));
         // One that cannot be announced is looked at again once the server was away.
         own.give_up(&other);
-        assert!(own.is_done(&other) && own.doubted().is_none());
+        assert!(own.is_over(&other) && own.doubted().is_none());
         own.doubt();
-        assert!(!own.is_done(&other) && own.doubted().is_none());
+        assert!(!own.is_over(&other) && own.doubted().is_none());
     }
 }
