@@ -3,22 +3,19 @@
 
 use super::error::{TableError, shown};
 use super::layout::Body;
-use super::number::Decimal;
-use super::odd_rows::is_total;
-use super::overlap::{Overlaps, Runs};
-use super::says::measured;
-use super::source::{Cell, Rows, Source};
+use super::odd_rows::{is_no_sample, is_total};
+use super::overlap::{Found, Overlaps, Runs};
+use super::source::{Rows, Source};
 use super::survey::Plan;
-use super::take::walk;
+use super::take::{Counted, row, walk};
 use super::time::few_are_missing;
 use super::time_columns::{part, parts_said};
-use std::hash::{BuildHasher, BuildHasherDefault, DefaultHasher};
 
-/// Looks at the rows as often as it has to. The times of channels that are `wanted` must not be recorded twice.
+/// Looks for rows without a time, and for those of which nothing tells when they were.
 ///
 /// # Errors
-/// The first row that makes the record another one than was meant.
-pub fn look(source: Source<'_>, plan: &mut Plan, wanted: &[bool]) -> Result<(), TableError> {
+/// The first such row.
+pub fn look(source: Source<'_>, plan: &mut Plan) -> Result<(), TableError> {
     if plan.reading.is_changed || plan.reading.loses || plan.layout.millis.is_some() {
         let mut missing = Missing::default();
         walk(source, plan, &mut |rows, plan, line, at| {
@@ -27,9 +24,6 @@ pub fn look(source: Source<'_>, plan: &mut Plan, wanted: &[bool]) -> Result<(), 
         })?;
         plan.reading.refuse(plan.row_name)?;
         missing.refuse(plan)?;
-    }
-    if plan.reading.goes_back && wanted.contains(&true) {
-        twice(source, plan, wanted)?;
     }
     Ok(())
 }
@@ -47,7 +41,8 @@ struct Missing {
 
 impl Missing {
     fn add(&mut self, rows: &dyn Rows, plan: &Plan, line: u64, has_time: bool) {
-        if is_total(rows, &plan.layout) {
+        // The first reading does not count these either.
+        if is_total(rows, &plan.layout) || !has_time && is_no_sample(rows, &plan.layout) {
             return;
         }
         self.rows += 1;
@@ -90,59 +85,61 @@ impl Missing {
     }
 }
 
-/// A sample: the place of its channel, its time (s), its line, and its cell.
-type Sampled<'s> = &'s mut dyn FnMut(usize, f64, u64, &Cell<'_>);
+/// A good sample: the place of its channel, its time (s), its line, and its value.
+type Sampled<'s> = &'s mut dyn FnMut(usize, f64, u64, f64) -> Result<(), TableError>;
 
-/// Every sample of the channels that are wanted.
+/// Every good sample of the channels that are wanted. Others say nothing against a value at the same time.
 fn samples(
     source: Source<'_>,
     plan: &mut Plan,
     wanted: &[bool],
     sampled: Sampled<'_>,
 ) -> Result<(), TableError> {
+    // The reading that takes the samples tells what it counts.
+    let mut counted = Counted::default();
     walk(source, plan, &mut |rows, plan, line, at| {
-        let Some((t, tag)) = at else { return Ok(()) };
-        match (&plan.layout.body, tag) {
-            (Body::Wide(wide), _) => {
-                for (at, column) in wide.columns.iter().enumerate().filter(|(at, _)| wanted[*at]) {
-                    let cell = rows.cell(*column);
-                    if !cell.is_blank() {
-                        sampled(at, t, line, &cell);
-                    }
-                }
+        let Some(at) = at else { return Ok(()) };
+        row(rows, plan, at, &mut counted, &mut |channel, sample| {
+            if wanted[channel] && sample.quality.is_good() {
+                sampled(channel, sample.t, line, sample.value)?;
             }
-            (Body::Long(long), Some(at)) if wanted[at] => sampled(at, t, line, &rows.cell(long.value)),
-            (Body::Long(_), _) => {}
-        }
-        Ok(())
+            Ok(())
+        })
     })
 }
 
 /// By what it is told that rows were in another order.
 const TOLD: &str = "rows are sorted";
 
-/// Refuses times that are recorded twice with other values between or beside them. Of rows in no order nothing can be said: they are
-/// sorted, and that is told.
-fn twice(source: Source<'_>, plan: &mut Plan, wanted: &[bool]) -> Result<(), TableError> {
-    let falls = plan.reading.falls;
-    let mut runs = Runs::new(wanted.len(), falls);
-    let mut are_too_many = false;
-    samples(source, plan, wanted, &mut |at, t, _, _| are_too_many |= !runs.add(at, t))?;
-    let row_name = plan.row_name;
-    if are_too_many {
-        return Err(TableError::refused(format!(
-            "{row_name} {}: the rows are in more parts than can be told apart, and go back from one to the next; sort them by time",
-            plan.layout.line
-        )));
+/// Refuses times of channels that are `wanted` where they are recorded twice with other values between or beside them. Of rows in no
+/// order nothing can be said, and few such rows are no other record: they are sorted, and that is told.
+///
+/// # Errors
+/// The first row of another record.
+pub fn twice(source: Source<'_>, plan: &mut Plan, wanted: &[bool]) -> Result<(), TableError> {
+    if !plan.reading.goes_back || !wanted.contains(&true) {
+        return Ok(());
     }
+    let (falls, row_name) = (plan.reading.falls, plan.row_name);
+    let mut runs = Runs::new(wanted.len(), falls);
+    samples(source, plan, wanted, &mut |at, t, line, _| match runs.add(at, t) {
+        true => Ok(()),
+        false => Err(TableError::refused(format!(
+            "{row_name} {line}: up to here the rows are in more parts than can be told apart, and go back from one to the next; sort \
+             them by time"
+        ))),
+    })?;
     let mut overlaps: Overlaps = runs.overlaps();
     if overlaps.is_empty() {
         return Ok(());
     }
-    let decimal = plan.decimal;
-    samples(source, plan, wanted, &mut |at, t, line, cell| overlaps.add(at, t, line, || key(cell, decimal)))?;
+    samples(source, plan, wanted, &mut |at, t, line, value| {
+        overlaps.add(at, t, line, value.to_bits());
+        Ok(())
+    })?;
     let way = if falls { "forward" } else { "back" };
-    if let Some(found) = overlaps.first() {
+    let first = overlaps.first();
+    if let Some(found) = first.as_ref().filter(|found| !found.is_small()) {
         let of_tag = match &plan.layout.body {
             Body::Wide(_) => String::new(),
             Body::Long(_) => format!(", tag {:?}", shown(&plan.channels[found.channel].tag.name)),
@@ -154,7 +151,12 @@ fn twice(source: Source<'_>, plan: &mut Plan, wanted: &[bool]) -> Result<(), Tab
             seconds(found.length)
         )));
     }
-    if let Some((line, length)) = overlaps.longest().filter(|_| !plan.reading.said.contains(TOLD)) {
+    if let Some(Found { line, length, rows: [few, all], .. }) = first {
+        let length = seconds(length);
+        plan.reading.said += &format!(
+            ", times go {way} over {length} s in {row_name} {line} that are recorded already, {few} of {all} rows: {TOLD}"
+        );
+    } else if let Some((line, length)) = overlaps.longest().filter(|_| !plan.reading.said.contains(TOLD)) {
         let length = seconds(length);
         plan.reading.said += &format!(", times go {way} over {length} s in {row_name} {line}: {TOLD}");
     }
@@ -164,14 +166,4 @@ fn twice(source: Source<'_>, plan: &mut Plan, wanted: &[bool]) -> Result<(), Tab
 /// Seconds in a message.
 fn seconds(length: f64) -> String {
     if length < 10.0 { format!("{length:.1}") } else { format!("{length:.0}") }
-}
-
-/// What stands in a cell, by which one value is told from another.
-fn key(cell: &Cell<'_>, decimal: Decimal) -> u64 {
-    let value = match cell {
-        Cell::Number(value) => Some(*value),
-        Cell::Text(text) => measured(text).and_then(|number| number.value(decimal)),
-        _ => None,
-    };
-    value.map_or_else(|| BuildHasherDefault::<DefaultHasher>::default().hash_one(cell.shown()), f64::to_bits)
 }

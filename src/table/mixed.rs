@@ -320,7 +320,9 @@ impl Column {
 fn may_name_loops(name: &Name) -> bool {
     let full = name.full.as_str();
     let says_another = is_alarm(full) || is_bad_flag(full) || is_good_flag(full);
-    !says_another && Unit::of(name.plain()).is_none()
+    // A serial number is one of a device as well as a date's.
+    let is_part_of_time = name.plain() != "serial" && Unit::of(name.plain()).is_some();
+    !says_another && !is_part_of_time
 }
 
 /// Whether a word may be the name of a loop or its number: what has a fraction, a sign or a unit is measured, but for `101A`.

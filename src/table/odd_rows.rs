@@ -94,7 +94,7 @@ pub fn title(rows: &dyn Rows) -> Option<String> {
 }
 
 /// Whether a row is none of the table: words, such as the number of a page, where others have a time, and nothing in OP and PV.
-fn is_no_sample(rows: &dyn Rows, layout: &Layout) -> bool {
+pub fn is_no_sample(rows: &dyn Rows, layout: &Layout) -> bool {
     let first = rows.cell(layout.time);
     let words = matches!(&first, Cell::Text(text) if text.trim_start().starts_with(char::is_alphabetic));
     let second = layout.clock.map(|at| rows.cell(at));

@@ -10,7 +10,7 @@
 //!
 //! The same rows twice, as two exports of overlapping times have them, are one record.
 
-use std::collections::BinaryHeap;
+use std::collections::{BTreeSet, BinaryHeap};
 
 /// Rows that may come late one after the other, and islands of rows between those of another run that count.
 const FEW: u64 = 3;
@@ -18,8 +18,10 @@ const FEW: u64 = 3;
 const LEAP: f64 = 20.0;
 /// Steps from which the usual one is taken.
 const STEPS: usize = 8;
-/// Runs that are kept of all channels together: 10 MB.
+/// Runs that are kept of all channels together: 8 MB.
 const MOST_RUNS: usize = 1 << 18;
+/// Runs that are kept for each channel at least, so that many channels do not take them from each other.
+const RUNS_OF_EACH: usize = 16;
 /// Times in common that are looked at, those with most rows.
 const MOST_OVERLAPS: usize = 64;
 /// Rows that are looked at in each.
@@ -28,6 +30,8 @@ const MOST_ROWS: usize = 1 << 12;
 const ISLANDS: u64 = 6;
 /// One time in so many may have another value when it comes again.
 const OTHERS: u64 = 10;
+/// Less than one row in so many of a channel may lie within another record: a clock that was set right by some seconds moves so few.
+const SMALL: u64 = 50;
 
 /// Rows of one channel that follow each other; times have their sign turned where the newest stands first.
 #[derive(Clone, Copy)]
@@ -130,15 +134,28 @@ impl OfChannel {
         }
     }
 
-    /// Makes one of runs that follow each other after a long step.
+    /// Makes one of runs that follow each other in time, wherever they stand in the file: as few as there are at one time.
     fn close_gaps(&mut self) {
-        self.done.dedup_by(|next, before| {
-            let follows = next.from >= before.to;
-            if follows {
-                before.join(next);
-            }
-            follows
-        });
+        let mut done = std::mem::take(&mut self.done);
+        done.sort_unstable_by(|a, b| a.from.total_cmp(&b.from));
+        // The ends of those that are made, each with its place.
+        let mut ends: BTreeSet<(u64, usize)> = BTreeSet::new();
+        for run in done {
+            // The one that ends last before this one begins.
+            let before = ends.range(..=(ordered(run.from), usize::MAX)).next_back().copied();
+            let at = match before {
+                Some(end) => {
+                    ends.remove(&end);
+                    self.done[end.1].join(&run);
+                    end.1
+                }
+                None => {
+                    self.done.push(run);
+                    self.done.len() - 1
+                }
+            };
+            ends.insert((ordered(self.done[at].to), at));
+        }
     }
 }
 
@@ -147,25 +164,29 @@ pub struct Runs {
     channels: Vec<OfChannel>,
     falls: bool,
     count: usize,
+    most: usize,
 }
 
 impl Runs {
     /// Of so many channels; `falls` where the newest stands first.
     pub fn new(channels: usize, falls: bool) -> Self {
-        Self { channels: vec![OfChannel::default(); channels], falls, count: 0 }
+        let most = MOST_RUNS.max(RUNS_OF_EACH * channels);
+        Self { channels: vec![OfChannel::default(); channels], falls, count: 0, most }
     }
 
-    /// One more sample of a channel at `t` (s); `false` where there are more runs than can be kept.
+    /// One more sample of a channel at `t` (s); `false` where there are more runs than can be kept: then no more can be added.
     pub fn add(&mut self, channel: usize, t: f64) -> bool {
         let own = &mut self.channels[channel];
         let before = own.done.len();
         own.add(if self.falls { -t } else { t });
         self.count += own.done.len() - before;
-        if self.count > MOST_RUNS {
-            self.channels.iter_mut().for_each(OfChannel::close_gaps);
-            self.count = self.channels.iter().map(|own| own.done.len()).sum();
+        if self.count <= self.most {
+            return true;
         }
-        self.count <= MOST_RUNS
+        self.channels.iter_mut().for_each(OfChannel::close_gaps);
+        self.count = self.channels.iter().map(|own| own.done.len()).sum();
+        // Where few are left, many can be added before this is done again.
+        2 * self.count <= self.most
     }
 
     /// The times that runs of a channel have in common: those with most rows, and for each channel all of them together.
@@ -181,16 +202,13 @@ impl Runs {
             for run in rest {
                 let size = run.rows.min(widest.rows);
                 if run.from < widest.to && size > FEW {
-                    let part = Overlap::new(channel, [run.from, run.to.min(widest.to)], size);
+                    let part = [run.from, run.to.min(widest.to)];
                     parts += 1;
                     match &mut whole {
-                        Some(whole) => {
-                            whole.to = whole.to.max(part.to);
-                            whole.size += size;
-                        }
-                        None => whole = Some(Overlap::new(channel, [part.from, part.to], size)),
+                        Some(whole) => whole.extend(part, size),
+                        None => whole = Some(Overlap::new(channel, part, size)),
                     }
-                    all.push(part);
+                    all.push(Overlap::new(channel, part, size));
                 }
                 if run.to > widest.to {
                     widest = *run;
@@ -222,13 +240,33 @@ struct Overlap {
     to: f64,
     /// Rows of the shorter run.
     size: u64,
+    /// Its parts, in the order of time and apart from each other; one that is no whole has one.
+    parts: Vec<[f64; 2]>,
+    /// Rows of both within its parts.
+    count: u64,
     /// The first rows in the order of time; the latest of them stands first.
     rows: BinaryHeap<Row>,
 }
 
 impl Overlap {
     fn new(channel: usize, [from, to]: [f64; 2], size: u64) -> Self {
-        Self { channel, from, to, size, rows: BinaryHeap::new() }
+        Self { channel, from, to, size, parts: vec![[from, to]], count: 0, rows: BinaryHeap::new() }
+    }
+
+    /// One more part, which does not begin before the last one.
+    fn extend(&mut self, [from, to]: [f64; 2], size: u64) {
+        self.to = self.to.max(to);
+        self.size += size;
+        match self.parts.last_mut() {
+            Some(last) if from <= last[1] => last[1] = last[1].max(to),
+            _ => self.parts.push([from, to]),
+        }
+    }
+
+    /// Whether a time is within a part.
+    fn has(&self, t: f64) -> bool {
+        let begun = self.parts.partition_point(|part| part[0] <= t);
+        self.parts[..begun].last().is_some_and(|part| t <= part[1])
     }
 
     /// The line in which times go back, or in which the one run that is here begins, and whether two records lie within each other.
@@ -283,6 +321,15 @@ pub struct Found {
     pub line: u64,
     /// How long two records lie within each other (s).
     pub length: f64,
+    /// Rows of the channel in these times, and all of them.
+    pub rows: [u64; 2],
+}
+
+impl Found {
+    /// Whether it has so few rows that the record is one all the same.
+    pub fn is_small(&self) -> bool {
+        self.rows[0] * SMALL < self.rows[1]
+    }
 }
 
 /// All times that runs have in common.
@@ -300,26 +347,29 @@ impl Overlaps {
     }
 
     /// One more sample of a channel at `t` (s), in the order of the file; `value` tells it from others.
-    pub fn add(&mut self, channel: usize, t: f64, line: u64, value: impl Fn() -> u64) {
+    pub fn add(&mut self, channel: usize, t: f64, line: u64, value: u64) {
         let at = self.rows[channel];
         self.rows[channel] += 1;
         let t = if self.falls { -t } else { t };
         let own = self.all.iter_mut().filter(|own| own.channel == channel);
         for overlap in own.filter(|own| (own.from..=own.to).contains(&t)) {
-            overlap.rows.push(Row { t: ordered(t), at, line, value: value() });
+            overlap.count += u64::from(overlap.has(t));
+            overlap.rows.push(Row { t: ordered(t), at, line, value });
             if overlap.rows.len() > MOST_ROWS {
                 overlap.rows.pop();
             }
         }
     }
 
-    /// The first two records within each other, in the order of the file.
+    /// The first two records within each other, in the order of the file; small ones only where there are no others.
     pub fn first(&self) -> Option<Found> {
         let found = self.all.iter().filter_map(|own| {
             let (line, is_so) = own.judge();
-            is_so.then_some(Found { channel: own.channel, line, length: own.to - own.from })
+            let (channel, length) = (own.channel, own.to - own.from);
+            let rows = [own.count, self.rows[channel]];
+            is_so.then_some(Found { channel, line, length, rows })
         });
-        found.min_by_key(|found| found.line)
+        found.min_by_key(|found| (found.is_small(), found.line))
     }
 
     /// The line and the length (s) of the longest time that two runs have in common.
@@ -330,122 +380,4 @@ impl Overlaps {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Whether two records lie within each other, by times and values in the order of the file: the line, and for how long.
-    fn found(rows: &[(f64, u64)]) -> Option<(u64, f64)> {
-        let mut ways = [0, 0];
-        for pair in rows.windows(2) {
-            ways[usize::from(pair[1].0 < pair[0].0)] += 1;
-        }
-        let mut runs = Runs::new(1, ways[1] > ways[0]);
-        assert!(rows.iter().all(|(t, _)| runs.add(0, *t)));
-        let mut overlaps = runs.overlaps();
-        for (line, (t, value)) in (2..).zip(rows) {
-            overlaps.add(0, *t, line, || *value);
-        }
-        overlaps.first().map(|found| (found.line, found.length))
-    }
-
-    /// Rows every two seconds from a time on.
-    fn steady(from: f64, count: usize, value: u64) -> Vec<(f64, u64)> {
-        (0..count).map(|at| (from + 2.0 * at as f64, value + at as u64)).collect()
-    }
-
-    /// Numbers that look random, below `most`.
-    fn random(most: usize) -> impl FnMut() -> usize {
-        let mut state = 1_u64;
-        move || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 33) as usize % most
-        }
-    }
-
-    #[test]
-    fn records_within_each_other_are_found_in_either_direction() {
-        let first = steady(0.0, 1200, 0);
-        for second in [
-            // Another loop, between the rows and at the same times; a clock that was set back.
-            steady(0.7, 1200, 5000),
-            steady(0.0, 1200, 5000),
-            steady(2400.7 - 900.0, 600, 5000),
-            // Another one, thirty times as slow.
-            (0..40).map(|at| (60.0 * f64::from(at) + 0.5, 7)).collect(),
-        ] {
-            let both = [first.clone(), second.clone()].concat();
-            let length = 2398.0 - second[0].0;
-            let (line, long) = found(&both).expect("two records");
-            assert!(line == 1202 && (long - length).abs() < 60.0, "{line}: {long}");
-            let turned: Vec<(f64, u64)> = both.iter().rev().copied().collect();
-            assert!(found(&turned).is_some(), "{}", second[0].0);
-        }
-    }
-
-    #[test]
-    fn one_record_in_any_order_is_none_of_two() {
-        let whole = steady(0.0, 1200, 0);
-        let turned: Vec<(f64, u64)> = whole.iter().rev().copied().collect();
-        let blocks = |order: &[usize]| -> Vec<(f64, u64)> {
-            order.iter().flat_map(|at| whole[100 * at..100 * (at + 1)].iter().copied()).collect()
-        };
-        let names = blocks(&[3, 7, 11, 1, 0, 6, 5, 2, 4, 10, 9, 8]);
-        let even_first = blocks(&[0, 2, 4, 6, 8, 10, 1, 3, 5, 7, 9, 11]);
-        let again = [&whole[..700], &whole[500..]].concat();
-        let late = |every: usize, by: usize| {
-            let mut rows = whole.clone();
-            (0..1200 - by).step_by(every).for_each(|at| {
-                let row = rows.remove(at);
-                rows.insert(at + by, row);
-            });
-            rows
-        };
-        let mut next = random(1200);
-        let mut mixed = whole.clone();
-        (0..1200).for_each(|at| mixed.swap(at, next()));
-        for (what, rows) in [
-            ("newest first", turned.clone()),
-            ("months by their names", names),
-            ("even first", even_first),
-            ("overlapping exports", again.clone()),
-            ("overlapping exports, newest first", again.iter().rev().copied().collect()),
-            ("late by one row", late(7, 1)),
-            ("late by forty rows", late(50, 40)),
-            (
-                "fifteen rows late",
-                [&whole[..400], &whole[415..600], &whole[400..415], &whole[600..]].concat(),
-            ),
-            ("in no order", mixed),
-        ] {
-            assert_eq!(found(&rows), None, "{what}");
-        }
-    }
-
-    #[test]
-    fn blocks_of_an_irregular_record_are_one_in_any_order() {
-        let mut next = random(1000);
-        let mut t = 0.0;
-        let rows: Vec<(f64, u64)> = (0..2000)
-            .map(|at| {
-                t += [1.0, 1.0, 2.0, 5.0, 30.0, 300.0][next() % 6] * (next() + 1) as f64 / 1000.0;
-                (t, at)
-            })
-            .collect();
-        for cuts in [[100, 900, 1500], [3, 700, 701], [20, 30, 1999]] {
-            let [a, b, c] = cuts;
-            for order in [[3, 1, 2, 0], [2, 0, 3, 1], [1, 0, 3, 2]] {
-                let parts = [&rows[..a], &rows[a..b], &rows[b..c], &rows[c..]];
-                let moved = order.map(|at| parts[at]).concat();
-                assert_eq!(found(&moved), None, "{cuts:?} {order:?}");
-            }
-        }
-        let other: Vec<(f64, u64)> = rows.iter().map(|(t, value)| (0.9 * t + 0.3, value + 5000)).collect();
-        assert!(found(&[rows, other].concat()).is_some());
-    }
-
-    #[test]
-    fn times_keep_their_order_as_numbers() {
-        let times = [f64::NEG_INFINITY, -2.5, -0.5, 0.0, 0.5, 2.5, f64::INFINITY];
-        assert!(times.windows(2).all(|pair| ordered(pair[0]) < ordered(pair[1])));
-    }
-}
+mod tests;

@@ -5,7 +5,7 @@ use super::error::{TableError, listed};
 use super::found::Found;
 use super::joined::Joined;
 use super::layout::Body;
-use super::look::look;
+use super::look;
 use super::odd_rows::{is_total, passed_over};
 use super::options::Options;
 use super::owner::Owner;
@@ -201,10 +201,11 @@ fn all(
     wanted: &[bool],
     take: Take<'_>,
 ) -> Result<(Plan, Found), TableError> {
-    look(source, &mut plan, wanted)?;
+    look::look(source, &mut plan)?;
     if !plan.joined.is_empty() {
         join(source, &mut plan)?;
     }
+    look::twice(source, &mut plan, wanted)?;
     let mut counted = Counted::default();
     walk(source, &mut plan, &mut |rows, plan, line, at| match at {
         Some(at) => row(rows, plan, at, &mut counted, take),
@@ -281,7 +282,7 @@ fn join(source: Source<'_>, plan: &mut Plan) -> Result<(), TableError> {
 }
 
 /// The samples of one row at `t`, which is one of `tag` where each row is a sample of one tag.
-fn row(
+pub fn row(
     rows: &dyn Rows,
     plan: &Plan,
     (t, tag): At,

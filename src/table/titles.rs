@@ -7,6 +7,7 @@ use super::names::{Meaning, Name};
 use super::number;
 use super::odd_rows::is_header_again;
 use super::source::{Cell, Rows};
+use super::stamp;
 use crate::signal::Role;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -34,7 +35,7 @@ const PAGES: [&str; 16] = [
     "ページ",
 ];
 
-/// A line of words: its text as it stands there, and in small letters.
+/// A line of words: its text as it stands there, and that by which it is compared.
 struct Title {
     line: u64,
     written: String,
@@ -57,7 +58,7 @@ pub struct Titles {
 impl Titles {
     /// A row above the samples.
     pub fn above(&mut self, rows: &dyn Rows) {
-        self.above.insert(text(rows).to_lowercase());
+        self.above.insert(compared(&text(rows)));
     }
 
     /// A row between samples that is none.
@@ -66,7 +67,7 @@ impl Titles {
     /// It is a header with other names than the first.
     pub fn add(&mut self, rows: &dyn Rows, layout: &Layout, line: u64) -> Result<(), TableError> {
         let written = text(rows);
-        let text = written.to_lowercase();
+        let text = compared(&written);
         if self.above.contains(&text) {
             return Ok(());
         }
@@ -76,7 +77,7 @@ impl Titles {
                 shown(&written)
             )));
         }
-        if matches!(layout.body, Body::Long(_)) || is_of_a_page(&text) {
+        if matches!(layout.body, Body::Long(_)) || text.is_empty() || is_of_a_page(&text) {
             return Ok(());
         }
         if self.between.len() < MOST || self.between.contains_key(&text) {
@@ -120,6 +121,30 @@ fn text(rows: &dyn Rows) -> String {
     let cells: Vec<String> = (0..rows.len()).map(|at| rows.cell(at).shown()).collect();
     let words: Vec<&str> = cells.iter().flat_map(|cell| cell.split_whitespace()).collect();
     words.join(" ").chars().take(LONGEST).collect()
+}
+
+/// A title in small letters without dates and times of day: those of a report for each day differ in them alone. Other numbers stay, for
+/// they may be those of loops.
+fn compared(text: &str) -> String {
+    let mut words: Vec<String> = Vec::new();
+    let mut is_behind_time = false;
+    for word in text.split_whitespace() {
+        let bare = word.trim_matches(|c: char| !c.is_alphanumeric());
+        let is_half_of_day =
+            is_behind_time && ["am", "pm"].iter().any(|half| bare.eq_ignore_ascii_case(half));
+        is_behind_time = is_time(bare);
+        if !is_behind_time && !is_half_of_day {
+            words.push(word.to_lowercase());
+        }
+    }
+    words.join(" ")
+}
+
+/// Whether a word is a date or a time of day. `10-01-02` may as well be the number of a loop: a date has the four digits of a year.
+fn is_time(word: &str) -> bool {
+    let is_year = |digits: &str| digits.len() == 4 && (digits.starts_with("19") || digits.starts_with("20"));
+    let has_year = || word.split(|c: char| !c.is_ascii_digit()).filter(|part| !part.is_empty()).any(is_year);
+    stamp::scan(word).is_some_and(|stamp| if stamp.has_date() { has_year() } else { word.contains(':') })
 }
 
 /// Whether a text has the word of a page in it: `Trend of unit 10, page 2`.

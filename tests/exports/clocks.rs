@@ -177,6 +177,49 @@ fn the_hour_that_comes_twice_is_the_one_that_the_rows_around_it_tell() {
 }
 
 #[test]
+fn a_seldom_sample_within_the_hour_that_comes_twice_is_told_and_not_asked_for() {
+    // OP and PV in turn from 00:30 on, beyond both hours; set points without other rows at their times.
+    let zone = jiff::tz::TimeZone::get("Europe/Berlin").expect("a zone");
+    let shown = |t: f64| {
+        let moment = jiff::Timestamp::from_second(t as i64).expect("a time of ours");
+        zone.to_datetime(moment).strftime("%Y-%m-%d %H:%M:%S").to_string()
+    };
+    let of_loop = |from: f64, to: f64| -> Vec<String> {
+        let (op, pv) = (example().op, example().pv);
+        let times = (0..1200).map(|k| AUTUMN + 20.0 * f64::from(k) - 9000.0);
+        let rows = times.zip(op.iter().zip(&pv)).filter(|(t, _)| (from..to).contains(t));
+        rows.map(|(t, (op, pv))| format!("{0},OP,{1}\n{0},PV,{2}\n", shown(t), op.value, pv.value)).collect()
+    };
+    let table = |set_point: f64| {
+        let around = [of_loop(0.0, set_point), of_loop(set_point, f64::INFINITY)].map(|rows| rows.concat());
+        let sp = |t: f64, value: f64| format!("{},SP,{value}\n", shown(t));
+        let (before, at, behind) =
+            (sp(AUTUMN - 9000.0, 50.0), sp(set_point, 55.0), sp(AUTUMN + 15_000.0, 60.0));
+        format!("Time,Tag,Value\n{before}{}{at}{}{behind}", around[0], around[1])
+    };
+    // The rows of the others tell which hour it is in.
+    for set_point in [AUTUMN - 1800.0, AUTUMN + 1800.0] {
+        let read =
+            super::of_bytes(table(set_point).as_bytes(), &berlin()).unwrap_or_else(|said| panic!("{said}"));
+        assert!(
+            read.record.sp.as_deref().is_some_and(|sp| sp.iter().any(|own| (own.t - set_point).abs() < 1e-6)),
+            "{}",
+            read.found.read_as
+        );
+    }
+    // One tag below the other: nothing tells it.
+    let sp = [AUTUMN - 9000.0, AUTUMN - 1800.0, AUTUMN + 15_000.0].map(|t| format!("{},SP,50\n", shown(t)));
+    let rows = of_loop(0.0, f64::INFINITY).concat();
+    let of_tag = |tag: &str| {
+        rows.lines().filter(|row| row.contains(tag)).map(|row| format!("{row}\n")).collect::<String>()
+    };
+    let stacked = format!("Time,Tag,Value\n{}{}{}", of_tag(",OP,"), of_tag(",PV,"), sp.concat());
+    let read = super::of_bytes(stacked.as_bytes(), &berlin()).unwrap_or_else(|said| panic!("{said}"));
+    let told = "02:30:00 comes twice in Europe/Berlin on 2026-10-25 and is read as the first";
+    assert!(read.found.read_as.contains(told), "{}", read.found.read_as);
+}
+
+#[test]
 fn an_hour_back_in_a_zone_without_a_change_is_told_or_refused() {
     let told = Options { tz: Some("UTC".into()), ..Options::default() };
     // The end of the one hour and the beginning of the other have no times in common.

@@ -98,6 +98,7 @@ fn an_hour_back_and_a_zone_in_the_header_are_times_of_a_zone() {
     });
     let said = read("Time,OP,PV", &local, &Options::default()).expect_err("refused");
     assert!(said.contains("go back by an hour") && said.contains("--tz"), "{said}");
+    assert!(said.contains("save the rows before and after it apart"), "{said}");
     let told = Options { tz: Some("Europe/Berlin".into()), ..Options::default() };
     let table = read("Time,OP,PV", &local, &told).expect("told");
     let right: Vec<f64> = example.op.iter().map(|s| moved(BEGIN as f64 + s.t).floor()).collect();

@@ -139,6 +139,7 @@ fn a_title_or_a_second_header_between_samples_is_that_of_another_table() {
     };
     for (first, between, told) in [
         ("Feed flow\n", "\nReflux flow\nTime,OP,PV\n", "line 604: \"Reflux flow\" stands above the header"),
+        ("Loop 1, 15.06.2026\n", "Loop 2, 16.06.2026\nTime,OP,PV\n", "\"Loop 2 16.06.2026\" stands above"),
         ("Loop 1\n", "Loop 2\nTime,OP,PV\n", "\"Loop 2\" stands above the header"),
         ("", "Reflux flow,,\nTime,OP,PV\n", "\"Reflux flow\" stands above the header"),
         ("", "Zeit,Stellgröße,Istwert\n", "\"Zeit Stellgröße Istwert\" is a second header"),
@@ -155,8 +156,37 @@ fn a_title_or_a_second_header_between_samples_is_that_of_another_table() {
     whole(&divided("Feed flow\n", "Feed flow\nTime,OP,PV\n"));
     whole(&divided("Trend, page 1\n", "Trend, page 2\nTime,OP,PV\n"));
     whole(&divided("", "Valve was greased\n"));
+    // A title for each day, or for each print.
+    whole(&divided("Daily report 15.06.2026\n", "Daily report 16.06.2026\nTime,OP,PV\n"));
+    whole(&divided("Printed 2026-06-15 06:05 AM\n", "Printed 2026-06-15 06:25 PM\nTime,OP,PV\n"));
+    whole(&divided("From 06:00 to 07:00\n", "From 07:00 to 08:00\nTime,OP,PV\n"));
     // A footer comes again, the last time below the samples.
     let mut with_footers = divided("", "Printed by Ann\nTime,OP,PV\n");
     with_footers.extend_from_slice(b"Printed by Ann\n");
     whole(&with_footers);
+}
+
+#[test]
+fn parts_of_one_record_and_two_hosts_at_the_same_times_are_one_loop() {
+    let rows: Vec<(String, f64, f64)> =
+        pairs().iter().map(|(op, pv)| (iso(op.t), op.value, pv.value)).collect();
+    let is_whole = |what: &str, rows: &[String]| {
+        let text = format!("Time,Lot,OP,PV\n{}", rows.concat());
+        let read =
+            of_bytes(text.as_bytes(), &Options::default()).unwrap_or_else(|said| panic!("{what}: {said}"));
+        let mut sorted = read.record.clone();
+        sorted.op.sort_by(|a, b| a.t.total_cmp(&b.t));
+        sorted.pv.sort_by(|a, b| a.t.total_cmp(&b.t));
+        assert!(bits(&sorted) == bits(&example()), "{what}: {}", read.found.read_as);
+    };
+    // The newest part first, each in the order of its times.
+    let part = |at: usize| rows.iter().skip(400 * at).take(400);
+    let parts: Vec<String> = [2, 1, 0]
+        .into_iter()
+        .flat_map(|at| part(at).map(move |(t, op, pv)| format!("{t},B{at},{op},{pv}\n")))
+        .collect();
+    is_whole("parts", &parts);
+    // A row for each host at each time, with one value.
+    let host = |(t, op, pv): &(String, f64, f64)| format!("{t},plc1,{op},\n{t},plc2,,{pv}\n");
+    is_whole("hosts", &rows.iter().map(host).collect::<Vec<String>>());
 }

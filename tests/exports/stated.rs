@@ -149,6 +149,25 @@ fn lines_of_pages_are_no_samples() {
         assert!(bits(&table.record) == bits(&example), "{}", table.found.read_as);
         assert!(table.found.read_as.contains("30 rows left out"), "{}", table.found.read_as);
     }
+    // The same where the rows without a time are counted once more: beside a zone that changes its clock, and parts of a second.
+    let paged = |own: &[String], line: &str| -> Vec<String> {
+        own.chunks(40).flat_map(|page| page.iter().cloned().chain([line.to_string()])).collect()
+    };
+    // 2026-10-25: clocks go back from 3 to 2 in Central Europe, at 1 UTC.
+    let local = rows(&example, ',', |t| {
+        let t = t - BEGIN as f64 + 1_792_889_400.0;
+        iso(t + if t < 1_792_890_000.0 { 7200.0 } else { 3600.0 })
+    });
+    let millis: Vec<String> = rows(&example, ',', |t| format!("{},{:.0}", iso(t), (t - t.floor()) * 900.0));
+    for (header, own, line, options) in [
+        ("Time,OP,PV", &local, "Page 1,,", zone("Europe/Berlin")),
+        ("DateTime,Millitm,OP,PV", &millis, "Page 1,,,", plain()),
+    ] {
+        let table = read(header, own, &options).unwrap_or_else(|said| panic!("{header}: {said}"));
+        let with_pages = read(header, &paged(own, line), &options);
+        let with_pages = with_pages.unwrap_or_else(|said| panic!("{header} with pages: {said}"));
+        assert!(with_pages.record.op == table.record.op, "{}", with_pages.found.read_as);
+    }
     // Averages have numbers, and may be samples of something.
     let mut averages = Vec::new();
     for page in own.chunks(40) {

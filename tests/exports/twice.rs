@@ -134,3 +134,66 @@ fn each_tag_of_rows_of_tags_is_looked_at() {
     let text = format!("{header}\n{}\n", both.join("\n"));
     assert_eq!(imported(&text, &Options::default()).err(), said.err());
 }
+
+#[test]
+fn many_tags_in_many_blocks_with_the_newest_first_are_taken() {
+    // More runs than are kept of all tags together.
+    let (columns, blocks) = (300, 900);
+    let names: Vec<String> = (3..=columns).map(|at| format!("TI{at}")).collect();
+    let mut text = format!("Time,OP,PV,{}\n", names.join(","));
+    let mut rows = 0;
+    for block in (0..blocks).rev() {
+        for within in 0..4 {
+            let t = BEGIN as f64 + 86_400.0 * f64::from(block) + 60.0 * f64::from(within);
+            text += &iso(t);
+            for column in 0..columns {
+                let value = (rows * 37 + column * 11) % 997;
+                text += &format!(",{:.3}", 20.0 + 0.037 * value as f64);
+            }
+            text.push('\n');
+            rows += 1;
+        }
+    }
+    assert_eq!(imported(&text, &Options::default()), Ok(rows * columns));
+}
+
+#[test]
+fn values_that_came_later_are_no_other_ones() {
+    let whole = rows(&example(), ',', iso);
+    let with = |own: &[String], word: &str| -> Vec<String> {
+        own.iter().map(|row| format!("{row},{word}")).collect()
+    };
+    let other = |own: &[String], cells: &str| -> Vec<String> {
+        own.iter().map(|row| format!("{},{cells}", &row[..row.find(',').unwrap_or(row.len())])).collect()
+    };
+    let read_as = |header: &str, tail: &[String], rest: &[String]| {
+        let rows = [&rest[..500], tail, &rest[500..]].concat();
+        read(header, &rows, &Options::default()).map(|table| {
+            let of = |series: &[Sample]| series.iter().filter(|own| own.quality.is_good()).copied().collect();
+            let record = Record { op: of(&table.record.op), pv: of(&table.record.pv), ..table.record };
+            bits(&record) == bits(&example())
+        })
+    };
+    let late = &whole[500..600];
+    assert_eq!(read_as("Time,OP,PV", &other(late, "No Data,No Data"), &whole), Ok(true));
+    let good = with(&whole, "Good");
+    assert_eq!(read_as("Time,OP,PV,Quality", &other(late, "0.1,0.2,Bad"), &good), Ok(true));
+    let said = read_as("Time,OP,PV,Quality", &other(late, "0.1,0.2,Good"), &good);
+    assert!(said.as_ref().is_err_and(|said| said.contains("with other values")), "{said:?}");
+}
+
+#[test]
+fn a_clock_that_was_set_right_by_some_seconds_is_told() {
+    let mut moved = example();
+    for series in [&mut moved.op, &mut moved.pv] {
+        series.iter_mut().skip(600).for_each(|own| own.t -= 17.0);
+    }
+    let rows = rows(&moved, ',', iso);
+    let table = read("Time,OP,PV", &rows, &Options::default()).unwrap_or_else(|said| panic!("{said}"));
+    let said = &table.found.read_as;
+    let told = said.contains("in line 602 that are recorded already")
+        && said.contains("of 1200 rows: rows are sorted");
+    assert!(told, "{said}");
+    let text = format!("Time,OP,PV\n{}\n", rows.join("\n"));
+    assert_eq!(imported(&text, &Options::default()), Ok(2 * rows.len()));
+}

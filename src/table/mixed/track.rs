@@ -2,7 +2,7 @@
 
 /// Rows of one word from which they are a block.
 const BLOCK: u64 = 3;
-/// Share of a block within which the next one begins, where the times begin again.
+/// Share of a block before which the next one begins and beyond which it reaches, where the times begin again.
 const AGAIN: f64 = 0.1;
 /// Share by which a step of an even clock may differ from the step before.
 const EVEN: f64 = 0.2;
@@ -57,11 +57,20 @@ struct Block {
     first: Option<f64>,
     last: Option<f64>,
     values: Values,
+    /// The first and the last time of the block before, where the times may begin again.
+    former: Option<[f64; 2]>,
 }
 
 impl Block {
-    fn begin(row: &Row) -> Self {
-        Self { rows: 1, first: row.time, last: row.time, values: row.values }
+    /// The first row behind a block of another word.
+    fn begin(row: &Row, before: &Self) -> Self {
+        Self {
+            rows: 1,
+            first: row.time,
+            last: row.time,
+            values: row.values,
+            former: before.begins_again(row),
+        }
     }
 
     fn go_on(&mut self, row: &Row) {
@@ -70,11 +79,24 @@ impl Block {
         self.first = self.first.or(row.time);
     }
 
-    /// Whether the times begin again with a row behind it; a copy of its rows is none of another loop.
-    fn begins_again(&self, row: &Row) -> bool {
-        let (Some(first), Some(last), Some(time)) = (self.first, self.last, row.time) else { return false };
+    /// Its first and its last time, where they may begin again with a row behind it; a copy of its rows is none of another loop.
+    fn begins_again(&self, row: &Row) -> Option<[f64; 2]> {
+        let (first, last, time) = (self.first?, self.last?, row.time?);
         let is_copy = time == first && row.values == self.values;
-        self.rows >= BLOCK && first != last && !is_copy && (time - first) / (last - first) <= AGAIN
+        let may_be = self.rows >= BLOCK && first != last && !is_copy;
+        (may_be && (time - first) / (last - first) <= AGAIN).then_some([first, last])
+    }
+
+    /// Whether a row of it lies among those of the block before, so that the times have begun again; it is told once. A block that lies
+    /// wholly before the other is an earlier part of the same record.
+    fn reaches(&mut self, row: &Row) -> bool {
+        let (Some([first, last]), Some(time)) = (self.former, row.time) else { return false };
+        let share = (time - first) / (last - first);
+        let reaches = share > AGAIN && share <= 1.0;
+        if reaches {
+            self.former = None;
+        }
+        reaches
     }
 }
 
@@ -94,12 +116,12 @@ pub struct Track {
     pub blanks: u64,
     /// Rows with another word than the row before.
     pub changes: u64,
-    /// Changes of the word at which the times begin again.
+    /// Changes of the word at which the times begin again: the rows behind lie among those before.
     pub begins: u64,
     /// Steps from one row of a word to its next, and those that are as long as the step before.
     pub steps: [u64; 2],
     /// Rows at the time of the row before, those of them with a word that no other row of this time has, and of these those with
-    /// other values than the row before.
+    /// other values than the rows of this time before.
     pub same: [u64; 3],
     /// Of each value: changes of the word, and those at which it is nearer to the last value of its own word than to that of the
     /// row before.
@@ -107,6 +129,8 @@ pub struct Track {
     last: Option<usize>,
     stamp: Option<u64>,
     at_stamp: Vec<usize>,
+    /// The last values of this time.
+    values_at_stamp: Values,
     before: Values,
     block: Block,
 }
@@ -127,9 +151,12 @@ impl Track {
         }
         self.at_one_time(place, row);
         match self.last.replace(place) {
-            Some(last) if last == place => self.block.go_on(row),
+            Some(last) if last == place => {
+                self.begins += u64::from(self.block.reaches(row));
+                self.block.go_on(row);
+            }
             Some(last) => self.change(last, place, row),
-            None => self.block = Block::begin(row),
+            None => self.block = Block::begin(row, &Block::default()),
         }
         self.own[place].add(row, &mut self.steps);
         keep(&mut self.before, row.values);
@@ -140,11 +167,13 @@ impl Track {
         if self.stamp.replace(row.stamp) != Some(row.stamp) {
             self.at_stamp.clear();
             self.at_stamp.push(place);
+            self.values_at_stamp = row.values;
             return;
         }
         let is_new = !self.at_stamp.contains(&place);
-        let mut pairs = row.values.into_iter().zip(self.before);
+        let mut pairs = row.values.into_iter().zip(self.values_at_stamp);
         let differs = pairs.any(|(own, before)| own.is_some() && before.is_some() && own != before);
+        keep(&mut self.values_at_stamp, row.values);
         self.same[0] += 1;
         self.same[1] += u64::from(is_new);
         self.same[2] += u64::from(is_new && differs);
@@ -156,8 +185,7 @@ impl Track {
     fn change(&mut self, last: usize, place: usize, row: &Row) {
         self.changes += 1;
         self.own[last].alone += u64::from(self.block.rows == 1);
-        self.begins += u64::from(self.block.begins_again(row));
-        self.block = Block::begin(row);
+        self.block = Block::begin(row, &self.block);
         let of_word = self.own[place].values;
         let values = row.values.into_iter().zip(self.before).zip(of_word);
         for (nearer, ((value, before), own)) in self.nearer.iter_mut().zip(values) {

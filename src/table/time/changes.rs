@@ -16,6 +16,8 @@ const STEPS: f64 = 10.0;
 const NEAR: (f64, f64) = (60.0, 900.0);
 /// Rows may be missing for so long (s), where the other hour would be as far away at least.
 const GAP: f64 = 1800.0;
+/// Rows of a stretch that may be in either hour, beside others that are in none: a set point or a mode is seldom written.
+const FEW: u64 = 3;
 /// Clocks are changed at a civil time that is at most so far from UTC (s).
 const A_DAY: f64 = 86_400.0;
 
@@ -39,6 +41,11 @@ struct Hour {
     offsets: [Offset; 2],
     /// The number of the stretch among those of the tag, where nothing has told its pass yet.
     open: Option<usize>,
+    /// Its pass is asked for where nothing tells it: no row shortly before suggests one.
+    asks: bool,
+    /// How many rows it has, and whether the tag has rows before it.
+    rows: u64,
+    is_begin: bool,
 }
 
 /// The rows of a tag so far.
@@ -64,12 +71,44 @@ pub struct Changes {
     tags: Vec<Rows>,
     /// What nothing decides: the line, and why. Of several the first in the file.
     doubt: Option<(u64, String)>,
+    /// The last row of any tag whose hour is known (s).
+    latest: Option<f64>,
+    /// The first few rows that may be in either hour, in words, and how many such stretches there are.
+    few: Option<(String, u64)>,
+}
+
+impl Rows {
+    /// A stretch that begins within the hour: its pass, and its number where nothing has told it yet. The row may stand beside others
+    /// that are in the first hour, or in the second one.
+    fn begin(&mut self, beside: [bool; 2]) -> (Pass, Option<usize>) {
+        let at = self.begun;
+        self.begun += 1;
+        if let Some(pass) = self.passes.get(at) {
+            return (*pass, None);
+        }
+        let (pass, open) = match beside {
+            [true, false] => (Pass::First, None),
+            [false, true] => (Pass::Second, None),
+            _ => (Pass::First, Some(at)),
+        };
+        self.passes.push(pass);
+        (pass, open)
+    }
 }
 
 impl Changes {
     /// Before the first row.
     pub(super) fn new(zone: TimeZone, name: &str) -> Self {
-        Self { zone, name: name.to_string(), step: 0.0, falls: false, tags: Vec::new(), doubt: None }
+        Self {
+            zone,
+            name: name.to_string(),
+            step: 0.0,
+            falls: false,
+            tags: Vec::new(),
+            doubt: None,
+            latest: None,
+            few: None,
+        }
     }
 
     /// How the rows follow each other: the usual step (s), and whether the newest stands first.
@@ -82,6 +121,7 @@ impl Changes {
         for rows in &mut self.tags {
             (rows.last, rows.hour, rows.begun) = (None, None, 0);
         }
+        self.latest = None;
     }
 
     /// Whether the clock is changed between two times on it (s since 1970), or a day before or after.
@@ -95,10 +135,12 @@ impl Changes {
     pub(super) fn pass_by(&mut self, t: f64, tag: usize, line: u64) {
         self.leave(t, tag, line);
         self.of_tag(tag).last = Some(t);
+        self.latest = Some(t);
     }
 
-    /// The moment (s since 1970) of a time on the written clock (ns); `None` for one that the clock never showed.
-    pub(super) fn read(&mut self, ns: i64, tag: usize, line: u64) -> Option<f64> {
+    /// The moment (s since 1970) of a time on the written clock (ns); `None` for one that the clock never showed. Where tags stand
+    /// `in_turn`, the row of another tag before it is from about the same time.
+    pub(super) fn read(&mut self, ns: i64, (tag, line): (usize, u64), in_turn: bool) -> Option<f64> {
         let civil = Offset::UTC.to_datetime(Timestamp::from_nanosecond(i128::from(ns)).ok()?);
         let found = self.zone.to_ambiguous_timestamp(civil).offset();
         let t = match found {
@@ -117,9 +159,15 @@ impl Changes {
                 self.doubted(line, why);
                 return None;
             }
-            AmbiguousOffset::Fold { before, after } => self.twice(ns, [before, after], tag, line)?,
+            AmbiguousOffset::Fold { before, after } => {
+                self.twice(ns, [before, after], (tag, line), in_turn)?
+            }
         };
-        self.of_tag(tag).last = Some(t);
+        let rows = self.of_tag(tag);
+        rows.last = Some(t);
+        if rows.hour.is_none_or(|hour| hour.open.is_none()) {
+            self.latest = Some(t);
+        }
         Some(t)
     }
 
@@ -128,10 +176,19 @@ impl Changes {
     /// # Errors
     /// A time that the clock never showed, an hour that comes twice and may be either, or one that comes once.
     pub(super) fn refuse(&mut self, row_name: &str) -> Result<(), TableError> {
-        (0..self.tags.len()).for_each(|tag| self.close(tag));
+        (0..self.tags.len()).for_each(|tag| self.close(tag, false));
         match &self.doubt {
             Some((line, why)) => Err(TableError::refused(format!("{row_name} {line}: {why}"))),
             None => Ok(()),
+        }
+    }
+
+    /// Few rows that may be in either hour, in words; empty for none.
+    pub(super) fn said(&self) -> String {
+        match &self.few {
+            None => String::new(),
+            Some((first, 1)) => format!(", {first}"),
+            Some((first, all)) => format!(", {first}, and {} more like it", all - 1),
         }
     }
 
@@ -159,30 +216,41 @@ impl Changes {
     }
 
     /// A row within the hour that comes twice.
-    fn twice(&mut self, ns: i64, offsets: [Offset; 2], tag: usize, line: u64) -> Option<f64> {
+    fn twice(
+        &mut self,
+        ns: i64,
+        offsets: [Offset; 2],
+        (tag, line): (usize, u64),
+        in_turn: bool,
+    ) -> Option<f64> {
         let [Some(early), Some(late)] = offsets.map(|offset| moment(ns, offset)) else { return None };
         let [first, second] = if self.falls { [late, early] } else { [early, late] };
         let (near, step, falls) = (self.near(), self.signed_step(), self.falls);
+        let latest = self.latest.filter(|_| in_turn);
         // The one of another year.
         if self.of_tag(tag).hour.is_some_and(|hour| hour.last.abs_diff(ns) >= DAY.unsigned_abs()) {
-            self.close(tag);
+            self.close(tag, true);
         }
         let last = self.of_tag(tag).last;
         let off = |t: f64| last.map_or(f64::INFINITY, |last| (t - last - step).abs());
         let goes_on = if off(second) < off(first) { Pass::Second } else { Pass::First };
         let (is_first, is_second) = (off(first) <= near, off(second) <= near);
-        // Some rows are missing, and the next is in the second hour: in the first one it would go back.
-        let ahead = last.map(|last| if falls { last - second } else { second - last });
-        let follows = ahead.is_some_and(|ahead| (0.0..=GAP).contains(&ahead));
+        let is_near = is_first || is_second;
+        // By how much a time is later than the last row (s).
+        let ahead = |t: f64| last.map_or(f64::NEG_INFINITY, |last| if falls { last - t } else { t - last });
+        // Some rows are missing: the next one is in the same hour, or in the second one where it would go back in the first.
+        let stays = (0.0..=GAP).contains(&ahead(first));
+        let follows = (0.0..=GAP).contains(&ahead(second));
         let in_first = self.of_tag(tag).hour.is_some_and(|hour| hour.pass == Pass::First);
-        if in_first && !is_first && !is_second && !follows {
-            self.close(tag);
+        if in_first && !is_near && !stays && !follows {
+            self.close(tag, true);
         }
         let rows = self.of_tag(tag);
         let hour = match rows.hour {
             Some(hour) if hour.pass == Pass::Second => {
-                rows.hour = Some(Hour { last: ns, ..hour });
-                if !is_first && !is_second && !follows {
+                rows.hour = Some(Hour { last: ns, rows: hour.rows + 1, ..hour });
+                // After any hole the first hour would go back.
+                if !is_near && ahead(second) < 0.0 {
                     self.ask(ns, offsets, line);
                 }
                 // A row of the first hour may come late.
@@ -190,25 +258,23 @@ impl Changes {
             }
             // Times that go back by the hour tell the pass of the rows before.
             Some(hour) => {
-                let pass = if is_first || is_second { goes_on } else { Pass::Second };
+                let pass = match (is_near, stays) {
+                    (true, _) => goes_on,
+                    (false, true) => Pass::First,
+                    (false, false) => Pass::Second,
+                };
                 let open = hour.open.filter(|_| pass == Pass::First);
-                Hour { pass, last: ns, open, ..hour }
+                Hour { pass, last: ns, open, rows: hour.rows + 1, ..hour }
             }
             None => {
-                let (pass, open) = if is_first || is_second {
-                    (goes_on, None)
-                } else {
-                    let at = rows.begun;
-                    rows.begun += 1;
-                    match rows.passes.get(at).copied() {
-                        Some(pass) => (pass, None),
-                        None => {
-                            rows.passes.push(Pass::First);
-                            (Pass::First, Some(at))
-                        }
-                    }
+                // Beside rows of other tags whose hour is known.
+                let beside = |t: f64| latest.is_some_and(|latest| (t - latest).abs() <= near);
+                let (pass, open) = match is_near {
+                    true => (goes_on, None),
+                    false => rows.begin([beside(first), beside(second)]),
                 };
-                Hour { pass, first: ns, last: ns, line, offsets, open }
+                let (asks, is_begin) = (!stays, last.is_none());
+                Hour { pass, first: ns, last: ns, line, offsets, open, asks, rows: 1, is_begin }
             }
         };
         rows.hour = Some(hour);
@@ -231,10 +297,14 @@ impl Changes {
         let is_other = goes_on(other) && (!goes_on(last) || off(other) < off(last));
         match hour.open {
             _ if !is_other && goes_on(last) => rows.hour = None,
-            _ if !is_other => self.close(tag),
+            _ if !is_other => self.close(tag, true),
             Some(at) => {
                 rows.passes[at] = Pass::Second;
                 rows.hour = None;
+            }
+            // Few rows, as of a set point, may have none in the second hour.
+            None if hour.rows <= FEW && hour.rows as f64 * step.abs() < GAP && !hour.is_begin => {
+                rows.hour = None
             }
             None => {
                 rows.hour = None;
@@ -250,11 +320,22 @@ impl Changes {
         }
     }
 
-    /// No row of the hour is left: asks for its pass where nothing has told it.
-    fn close(&mut self, tag: usize) {
-        if let Some(hour) = self.of_tag(tag).hour.take().filter(|hour| hour.open.is_some()) {
+    /// No row of the hour is left: asks for its pass where nothing has told it. A few rows among others, of which some may be `behind`,
+    /// are told and not asked for.
+    fn close(&mut self, tag: usize, behind: bool) {
+        let hour = self.of_tag(tag).hour.take().filter(|hour| hour.open.is_some() && hour.asks);
+        let Some(hour) = hour else { return };
+        if hour.rows > FEW || hour.is_begin && !behind {
             self.ask(hour.first, hour.offsets, hour.line);
+            return;
         }
+        let (time, date) = shown(hour.first);
+        let which = if self.falls { "second" } else { "first" };
+        let first = || format!("{time} comes twice in {} on {date} and is read as the {which}", self.name);
+        self.few = Some(match self.few.take() {
+            Some((said, all)) => (said, all + 1),
+            None => (first(), 1),
+        });
     }
 
     /// Asks in which of the two hours a row is.
@@ -304,7 +385,7 @@ mod tests {
         clock.follow(steps.min().unwrap_or(0) as f64, falls);
         let all = |clock: &mut Changes| -> Vec<Option<f64>> {
             let lines = times.iter().zip(2..);
-            lines.map(|(t, line)| clock.read((midnight + t) * SECOND, 0, line)).collect()
+            lines.map(|(t, line)| clock.read((midnight + t) * SECOND, (0, line), false)).collect()
         };
         let _ = all(&mut clock);
         clock.refuse("line").map_err(|error| error.to_string())?;
@@ -338,6 +419,11 @@ mod tests {
             (
                 &["01:50", "02:00", "02:10", "02:05", "02:15", "02:25"],
                 &["-1:50", "00:00", "00:10", "00:05", "00:15", "00:25"],
+            ),
+            // Two pauses within the first hour, and one of more than half an hour within the second.
+            (
+                &["01:59", "02:00", "02:01", "02:15", "02:16", "02:31", "02:32", "02:00", "02:01", "02:50"],
+                &["-1:59", "00:00", "00:01", "00:15", "00:16", "00:31", "00:32", "01:00", "01:01", "01:50"],
             ),
             // Hour by hour.
             (&["00:00", "01:00", "02:00", "02:00", "03:00"], &["-0:00", "-1:00", "00:00", "01:00", "02:00"]),

@@ -155,7 +155,11 @@ impl Reading {
     /// # Errors
     /// The first such row.
     pub fn refuse(&mut self, row_name: &str) -> Result<(), TableError> {
-        self.clock.as_mut().map_or(Ok(()), |clock| clock.refuse(row_name))
+        if let Some(clock) = &mut self.clock {
+            clock.refuse(row_name)?;
+            self.said += &clock.said();
+        }
+        Ok(())
     }
 
     /// The time of the next row (s), which stands in a line, and is one of a tag where each row is a sample of one tag; `None` where its
@@ -166,6 +170,7 @@ impl Reading {
         second: Option<&Cell<'_>>,
         (tag, line): (usize, u64),
     ) -> Option<f64> {
+        let (of_clock, in_turn) = ((tag, line), !self.by_tag);
         let tag = if self.by_tag { tag } else { 0 };
         if self.last.len() <= tag {
             self.last.resize(tag + 1, Last { t: f64::NEG_INFINITY, midnight: 0 });
@@ -175,12 +180,12 @@ impl Reading {
             (None, _) => None,
             (Some(Meant::Moment(t)), clock) => {
                 if let Some(clock) = clock {
-                    clock.pass_by(t, tag, line);
+                    clock.pass_by(t, of_clock.0, line);
                 }
                 Some(t)
             }
             (Some(Meant::Written(ns)), None) => Some(seconds(ns)),
-            (Some(Meant::Written(ns)), Some(clock)) => clock.read(ns, tag, line),
+            (Some(Meant::Written(ns)), Some(clock)) => clock.read(ns, of_clock, in_turn),
         };
         last.t = t.unwrap_or(last.t);
         self.last[tag] = last;

@@ -64,7 +64,8 @@ impl Times {
         if local && back <= track.tags() && (HOUR * 0.9..=HOUR).contains(&step) {
             return Err(TableError::refused(format!(
                 "{row_name} {line}, column {number} ({name}): times go back by an hour, as where daylight saving time ends; say \
-                 the zone with --tz, such as Europe/Berlin, or --tz UTC where they are right"
+                 the zone with --tz, such as Europe/Berlin, or --tz UTC where rows of one record stand in another order; where a clock \
+                 was set back, save the rows before and after it apart"
             )));
         }
         // A clock of numbers has no noon.
