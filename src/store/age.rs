@@ -14,6 +14,9 @@ const FILE: &str = "store.age";
 const NOTED_S: f64 = 60.0;
 /// It may lie so far behind the clock (s) before that is told: a daemon that was off for a night is nothing to tell.
 const TOLD_S: f64 = 86_400.0;
+/// It skips no more than leaves this much (s) before anything goes: so what lies in one day takes a quarter of a day to go, however
+/// little that is.
+const LEFT_S: f64 = 86_400.0;
 
 /// The time by which age is measured, of one store.
 #[derive(Debug)]
@@ -39,6 +42,17 @@ impl Age {
         let at = pace.and_then(|_| read(&path));
         let noted = at.unwrap_or(f64::NEG_INFINITY);
         Self { path, pace, at, looked: Instant::now(), noted, behind: false, in_doubt_s: 0 }
+    }
+
+    /// Whether it lies behind the clock, so that [`Age::skip`] may save time.
+    pub fn lags(&self, clock: f64) -> bool {
+        self.pace.is_some() && self.at.is_some_and(|at| clock - at > NOTED_S)
+    }
+
+    /// Skips time in which nothing can go: age takes nothing before `due` (s). A first note of a clock that was years behind would
+    /// else hold everything for years.
+    pub fn skip(&mut self, clock: f64, due: f64) {
+        self.at = self.at.map(|before| skipped(before, clock, due));
     }
 
     /// The time that age is measured by (s), while the clock says `clock` (s).
@@ -81,6 +95,11 @@ impl Age {
 /// Where the time is next: at the clock, or as near to it as it may come by moving by `by` (s).
 fn followed(before: f64, clock: f64, by: f64) -> f64 {
     clock.max(before - by).min(before + by)
+}
+
+/// Where the time is once it has skipped that in which nothing can go, as nothing goes before `due` (s).
+fn skipped(before: f64, clock: f64, due: f64) -> f64 {
+    before.max(clock.min(due - LEFT_S))
 }
 
 fn read(path: &Path) -> Option<f64> {
@@ -133,7 +152,8 @@ mod tests {
                 if self.begins.back().is_none_or(|begin| begin + 2.0 * self.piece_s <= clock) {
                     self.begins.push_back((clock / self.piece_s).floor() * self.piece_s - self.piece_s);
                 }
-                self.age = followed(self.age, clock, 60.0 * pace);
+                let due = self.begins.front().map_or(f64::INFINITY, |begin| begin + 30.0 * DAY_S);
+                self.age = followed(skipped(self.age, clock, due), clock, 60.0 * pace);
                 let edge = self.age.min(clock) - 30.0 * DAY_S;
                 while self.begins.front().is_some_and(|begin| begin + self.piece_s < edge) {
                     self.begins.pop_front();
@@ -190,6 +210,25 @@ mod tests {
         assert_eq!(kept.oldest(), oldest);
         kept.pass(NOW + 3600.0, 2.0 * 3600.0, 0.0);
         assert_eq!(kept.age, NOW + 3.0 * 3600.0);
+    }
+
+    /// As of a machine that is installed before it has heard of the time.
+    #[test]
+    fn a_first_note_that_is_years_behind_is_left_at_once_as_far_as_nothing_goes() {
+        let folder = Folder::new();
+        fs::create_dir_all(&folder.0).expect("writable");
+        let mut age = Age::of(&Config::new(&folder.0));
+        assert!(!age.lags(5.0), "nobody has looked");
+        assert_eq!(age.now(5.0), 5.0);
+        assert!(age.lags(NOW) && !age.lags(6.0));
+        age.skip(NOW, 30.0 * DAY_S);
+        let now = age.now(NOW);
+        assert!((29.0 * DAY_S..29.1 * DAY_S).contains(&now), "what is of 1970 is to go first: {now}");
+        age.skip(NOW, NOW + 2.0 * DAY_S);
+        assert_eq!(age.now(NOW), NOW, "never ahead of the clock");
+        age.skip(NOW, 0.0);
+        assert_eq!(age.now(NOW), NOW, "never back");
+        assert_eq!(read(&folder.0.join(FILE)), Some(NOW));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //! everybody else uses.
 
 pub(super) use super::sides::Reads;
-pub use super::sides::{Found, Point, Spool, StoredTag, Usage, Writes};
+pub use super::sides::{Beat, Found, Point, Spool, StoredTag, Usage, Writes};
 use super::walk::{between, last, over};
 use super::{
     AlarmRow, Batch, Checked, Config, DiagnosisRow, ModelRow, StoreError, TagName, TransitionRow, codec,
@@ -141,6 +141,11 @@ impl Store {
     /// [`StoreError`]; then it is found again.
     pub fn merged(&mut self) -> Result<(), StoreError> {
         self.0.merged()
+    }
+
+    /// Has each answer of a database elsewhere told from now on.
+    pub fn tell_answers(&mut self, to: Beat) {
+        self.0.tell_answers(to);
     }
 
     /// Leaves a database elsewhere until it is needed: its connection is not to be dropped by another kind of thread.

@@ -36,7 +36,7 @@ mod sides;
 mod walk;
 mod writer;
 
-pub use backend::{Found, Opener, Point, Reader, Spool, Store, StoredTag, Usage, Writes};
+pub use backend::{Beat, Found, Opener, Point, Reader, Spool, Store, StoredTag, Usage, Writes};
 pub use check::{Checked, Repaired, check, check_of, finish_repair, repair};
 pub use config::{Config, Upkeep};
 pub use rows::{AlarmRow, Batch, DiagnosisRow, ModelRow, Row, Series, TagName, TransitionRow, pack, unpack};

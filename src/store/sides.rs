@@ -5,7 +5,8 @@ use super::{AlarmRow, Batch, Checked, DiagnosisRow, ModelRow, StoreError, TagNam
 use super::{Reader, Store};
 use crate::signal::Sample;
 use std::collections::BTreeMap;
-use std::fmt::Debug;
+use std::fmt::{self, Debug};
+use std::sync::Arc;
 
 /// A tag as it is kept.
 #[derive(Clone, Debug, PartialEq)]
@@ -66,6 +67,34 @@ pub struct Found {
     pub alarms: Vec<AlarmRow>,
 }
 
+/// Hears each answer of a database elsewhere: work that is answered does not hang, however long all of it lasts.
+#[derive(Clone)]
+pub struct Beat(Arc<dyn Fn() + Send + Sync>);
+
+impl Beat {
+    /// One that calls `heard` at each answer.
+    pub fn new(heard: impl Fn() + Send + Sync + 'static) -> Self {
+        Self(Arc::new(heard))
+    }
+
+    /// An answer has come.
+    pub fn heard(&self) {
+        (self.0)();
+    }
+}
+
+impl Default for Beat {
+    fn default() -> Self {
+        Self::new(|| ())
+    }
+}
+
+impl Debug for Beat {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.write_str("Beat")
+    }
+}
+
 /// The writing side of a store: one of ours, or what a simulated disk makes of it. See [`Store`] for what each promises.
 pub trait Writes: Send + Debug {
     /// See [`Store::write`].
@@ -108,6 +137,8 @@ pub trait Writes: Send + Debug {
     fn merged(&mut self) -> Result<(), StoreError> {
         Ok(())
     }
+    /// See [`Store::tell_answers`].
+    fn tell_answers(&mut self, _to: Beat) {}
     /// See [`Store::disconnect`].
     fn disconnect(&mut self) {}
 }

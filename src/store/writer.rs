@@ -3,7 +3,7 @@
 
 mod running;
 
-use super::{Batch, Config, Found, Opener, Reader, Spool, Store, StoreError, Usage, heed};
+use super::{Batch, Beat, Config, Found, Opener, Reader, Spool, Store, StoreError, Usage, heed};
 use running::Running;
 use std::collections::VecDeque;
 use std::io;
@@ -98,6 +98,13 @@ impl Shared {
     /// The round begins, or gets on; `now` as the clock has it (s).
     fn gets_on(&self, now: f64) {
         self.lock().running = Some(Running::new(Instant::now(), now));
+    }
+
+    /// The round got on: a database elsewhere has answered.
+    fn answered(&self) {
+        if let Some(running) = &mut self.lock().running {
+            running.answered(Instant::now());
+        }
     }
 }
 
@@ -417,6 +424,8 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
             store.begin_era();
             self.era = store.era();
         }
+        let shared = self.shared.clone();
+        store.tell_answers(Beat::new(move || shared.answered()));
         self.shared.lock().status.checked = store.checked();
         self.store = Some(store);
         self.looked = None;
@@ -465,8 +474,9 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
     fn failed(&mut self, error: &StoreError) {
         let now = (self.now)();
         self.counted = self.counts();
-        self.store = None;
+        // First: of one that is damaged nothing is carried over when it is closed.
         heed(&self.config, error);
+        self.store = None;
         let text = error.to_string();
         let mut inner = self.shared.lock();
         let status = &mut inner.status;

@@ -363,17 +363,18 @@ impl Ledger {
             // A process that was killed may have carried a part of the log over.
             noted: false,
         };
-        own.drop_what_was_carried_over()?;
+        own.drop_part_of_log()?;
         Ok(own)
     }
 
-    /// A log that was carried over whole and not cut yet would be read again, and a part of it would turn pages back.
-    fn drop_what_was_carried_over(&self) -> Result<(), StoreError> {
+    /// A part of a log that was carried over would turn pages back, so it is cut. A whole one is the same again, and stays: who
+    /// still reads it goes on with it, and what came next would lie behind a hole.
+    fn drop_part_of_log(&self) -> Result<(), StoreError> {
         let path = log_of(&self.folder);
         let log = Log::read(&path).map_err(StoreError::io(&path))?;
         let is_empty = self.now.frames == 0 && log.frames == 0;
-        let is_over = is_empty || self.now.is_carried_over(&log);
-        if is_over && self.now.salts != [0; 8] && path.exists() {
+        let is_part = self.now.is_carried_over(&log) && log.frames < self.now.carried;
+        if (is_empty || is_part) && self.now.salts != [0; 8] && path.exists() {
             let cut = OpenOptions::new().write(true).open(&path).and_then(|file| file.set_len(0));
             cut.map_err(StoreError::io(&path))?;
         }

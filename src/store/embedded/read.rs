@@ -3,7 +3,7 @@
 use super::ledger::{self, Damage};
 use super::left::{self, Left};
 use super::salvage::Loss;
-use super::{APPLICATION, DATABASE, MAX_TAG, TREND_SPAN, key, repair, schema, start_and_tag};
+use super::{APPLICATION, DATABASE, MAX_TAG, TREND_SPAN, key, repair, schema, start_and_tag, write};
 use crate::signal::Sample;
 use crate::store::backend::Reads;
 use crate::store::rows::{AlarmRow, DiagnosisRow, ModelRow, TagName, TransitionRow};
@@ -60,10 +60,17 @@ impl Reader {
     /// Opens the store in a folder; of one that is damaged, what is left of it.
     ///
     /// # Errors
-    /// [`StoreError::Missing`], [`StoreError::Foreign`], [`StoreError::TooNew`], [`StoreError::Database`].
+    /// [`StoreError::Missing`], [`StoreError::Foreign`], [`StoreError::TooNew`], [`StoreError::Database`]; [`StoreError::InUse`]
+    /// while somebody ends a repair.
     pub fn open(folder: &Path) -> Result<Self, StoreError> {
         if let Some(repaired) = repair::unfinished(folder) {
-            return Self::at(repaired);
+            // Whoever holds the lock puts it into its place: a reader would outlive that.
+            if write::is_in_use(folder) {
+                return Err(StoreError::InUse(folder.to_path_buf()));
+            }
+            let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_URI;
+            let db = Connection::open_with_flags(repair::unchanging(&repaired), flags)?;
+            return Self::on(db, repaired);
         }
         if ledger::marked(folder).is_some() {
             return Self::of_what_is_left(folder);
@@ -103,11 +110,11 @@ impl Reader {
         if !path.is_file() {
             return Err(StoreError::Missing(folder.to_path_buf()));
         }
-        Self::at(path)
+        let db = Connection::open_with_flags(&path, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
+        Self::on(db, path)
     }
 
-    fn at(path: PathBuf) -> Result<Self, StoreError> {
-        let db = Connection::open_with_flags(&path, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
+    fn on(db: Connection, path: PathBuf) -> Result<Self, StoreError> {
         db.busy_timeout(Duration::from_secs(5))?;
         let application: i64 = db.pragma_query_value(None, "application_id", |row| row.get(0))?;
         if application != APPLICATION {

@@ -13,6 +13,7 @@ use super::{DATABASE, left, second};
 use crate::store::{Config, StoreError};
 use std::fs;
 use std::io;
+use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 
 /// The new database, until it is whole.
@@ -61,6 +62,19 @@ pub(super) fn unfinished(folder: &Path) -> Option<PathBuf> {
     path.is_file().then_some(path)
 }
 
+/// The address by which SQLite reads a database that nobody changes, without locks and beside no other file.
+pub(super) fn unchanging(path: &Path) -> String {
+    let mut address = "file:".to_string();
+    for &byte in path.as_os_str().as_bytes() {
+        if byte.is_ascii_alphanumeric() || b"/.-_".contains(&byte) {
+            address.push(char::from(byte));
+        } else {
+            address += &format!("%{byte:02x}");
+        }
+    }
+    address + "?immutable=1"
+}
+
 /// Ends a repair that was begun: where the damaged files are then; `None` where none was. Who calls it holds the lock.
 ///
 /// # Errors
@@ -69,9 +83,11 @@ pub(super) fn finish(folder: &Path) -> Result<Option<PathBuf>, StoreError> {
     if unfinished(folder).is_none() {
         return Ok(None);
     }
-    let away = match last_aside(folder) {
-        0 => aside(folder)?,
-        last => folder_aside(folder, last),
+    // The last may be of a repair before, where somebody has removed the one that was begun: its files stay.
+    let last = Some(last_aside(folder)).filter(|last| *last > 0).map(|last| folder_aside(folder, last));
+    let away = match last.filter(|last| has_place(folder, last)) {
+        Some(last) => last,
+        None => aside(folder)?,
     };
     exchange(folder, &away)?;
     Ok(Some(away))
@@ -108,6 +124,12 @@ fn steps(folder: &Path, away: &Path) -> Vec<(PathBuf, PathBuf)> {
     let beside = [second::STATES].into_iter().chain(FILES).map(str::to_string);
     let old = of_database.into_iter().chain(beside).map(|name| (folder.join(&name), away.join(&name)));
     old.chain([(folder.join(REPAIRED), folder.join(DATABASE))]).collect()
+}
+
+/// Whether a folder has none of the files yet that are still to be put there.
+fn has_place(folder: &Path, away: &Path) -> bool {
+    let is_taken = |(from, to): (PathBuf, PathBuf)| to.starts_with(away) && from.exists() && to.exists();
+    !steps(folder, away).into_iter().any(is_taken)
 }
 
 /// Renames a file; on disk when this returns, so that no later step is there without it.

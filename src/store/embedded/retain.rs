@@ -22,6 +22,12 @@ const FULL: f64 = 0.95;
 const DAY_S: f64 = 86_400.0;
 /// Free pages that stay in the file for what comes next.
 const SPARE_PAGES: i64 = 2048;
+/// A run that may go: the latest of each loop stays, and the latest with a report.
+const OLD_RUN: &str = "finished < (SELECT max(finished) FROM diagnoses WHERE control_loop = own.control_loop) AND finished <
+    coalesce((SELECT max(finished) FROM diagnoses WHERE control_loop = own.control_loop AND report IS NOT NULL), 9e99)";
+/// A model that may go: the latest of each loop stays.
+const OLD_MODEL: &str =
+    "version < (SELECT max(version) FROM models AS own WHERE own.control_loop = models.control_loop)";
 
 /// Does at most one piece of work; true when there may be more.
 pub(super) fn step(store: &mut Store, now: f64) -> Result<bool, StoreError> {
@@ -43,6 +49,10 @@ pub(super) fn make_room(store: &mut Store, now: f64) -> Result<bool, StoreError>
 }
 
 fn by_age(store: &mut Store, now: f64) -> Result<bool, StoreError> {
+    if store.age.lags(now) {
+        let due = due(store)?;
+        store.age.skip(now, due);
+    }
     let now = store.age.now(now);
     let day = |days: f64| now - days * DAY_S;
     let config = store.config.clone();
@@ -65,6 +75,24 @@ fn by_age(store: &mut Store, now: f64) -> Result<bool, StoreError> {
             params![day(config.alarms_days), ROWS],
         )?;
     Ok(gone > 0)
+}
+
+/// When the first row of all has reached its days (s), of those that may go; infinite where there is none.
+fn due(store: &Store) -> Result<f64, StoreError> {
+    let start = |table: &str| Ok::<_, StoreError>(first(store, table)?.map(|start| start as f64));
+    let row = |sql: &str| store.db.query_row(sql, [], |row| row.get::<_, Option<f64>>(0));
+    let runs = format!("SELECT min(finished) FROM diagnoses AS own WHERE {OLD_RUN}");
+    let models = format!("SELECT min(since) FROM models WHERE {OLD_MODEL}");
+    let config = &store.config;
+    let oldest = [
+        (start("chunks")?, config.samples_days),
+        (start("trends")?, config.trend_days),
+        (row("SELECT min(at) FROM transitions")?, config.alarms_days),
+        (row(&runs)?, config.diagnoses_days),
+        (row(&models)?, config.diagnoses_days),
+    ];
+    let due = oldest.into_iter().filter_map(|(at, days)| at.map(|at| at + days * DAY_S));
+    Ok(due.fold(f64::INFINITY, f64::min))
 }
 
 fn by_size(store: &mut Store, now: f64) -> Result<bool, StoreError> {
@@ -123,19 +151,13 @@ fn drop_chunks(store: &mut Store, start: i64) -> Result<(), StoreError> {
 
 /// Runs and models that ended before a time, the latest of each loop left.
 fn drop_diagnoses(store: &mut Store, before: f64) -> Result<usize, StoreError> {
-    let runs = store.db.execute(
-        "DELETE FROM diagnoses WHERE id IN (SELECT id FROM diagnoses AS own WHERE finished < ?1 AND finished <
-            (SELECT max(finished) FROM diagnoses WHERE control_loop = own.control_loop) AND finished <
-            coalesce((SELECT max(finished) FROM diagnoses WHERE control_loop = own.control_loop
-                AND report IS NOT NULL), 9e99)
-         ORDER BY finished LIMIT ?2)",
-        params![before, ROWS],
-    )?;
-    let models = store.db.execute(
-        "DELETE FROM models WHERE since < ?1 AND version <
-            (SELECT max(version) FROM models AS own WHERE own.control_loop = models.control_loop)",
-        [before],
-    )?;
+    let runs = format!(
+        "DELETE FROM diagnoses WHERE id IN (SELECT id FROM diagnoses AS own WHERE finished < ?1 AND {OLD_RUN}
+         ORDER BY finished LIMIT ?2)"
+    );
+    let runs = store.db.execute(&runs, params![before, ROWS])?;
+    let models =
+        store.db.execute(&format!("DELETE FROM models WHERE since < ?1 AND {OLD_MODEL}"), [before])?;
     Ok(runs + models)
 }
 

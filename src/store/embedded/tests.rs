@@ -1,5 +1,5 @@
 use super::*;
-use crate::signal::Sample;
+use crate::signal::{BadReason, Quality, Sample};
 use crate::store::backend::Writes;
 use crate::store::{
     AlarmRow, Batch, Checked, Config, DiagnosisRow, Reader, Row, Series, StoreError, TagName, Upkeep, check,
@@ -109,6 +109,23 @@ fn a_damaged_blob_is_found_and_left_out() {
     // The first chunk, 960 to 1020, held 20 samples; the others are read all the same.
     assert_eq!(reader.last(&[(*op).clone()], 1000).expect("reads")[&*op], good(20..300));
     assert_eq!(reader.damaged(), 1);
+}
+
+#[test]
+fn a_sample_that_takes_the_place_of_another_is_not_left_out() {
+    let (folder, op) = (Folder::new(), tag("A", "op"));
+    let mut store = Store::open(&folder.config()).expect("opens");
+    let bad = Sample { quality: Quality::Bad(BadReason::Timeout), ..Sample::good(1005.0, 1.0) };
+    let mut left_out = |samples: Vec<Sample>| {
+        let before = store.twice();
+        store.insert(&batch(&op, samples)).expect("inserts");
+        store.twice().zip(before).map(|(after, before)| after - before)
+    };
+    assert_eq!(left_out(vec![bad]), Some(0));
+    assert_eq!(left_out(vec![bad]), Some(1), "it is there");
+    assert_eq!(left_out(good(0..10)), Some(0), "one is in the place of the bad one");
+    assert_eq!(left_out(good(5..12)), Some(5));
+    assert_eq!(left_out(vec![bad]), Some(1));
 }
 
 /// Neither by what comes late nor by what becomes a trend: nobody would ever know of it.

@@ -13,7 +13,7 @@ use crate::store::{Config, StoreError, StoredTag, Usage, codec, start_of};
 use rusqlite::config::DbConfig;
 use rusqlite::hooks::Wal;
 use rusqlite::{Connection, OptionalExtension, Transaction, TransactionBehavior, params};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fs::{self, File, TryLockError};
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -394,7 +394,7 @@ fn tag_id(
 }
 
 /// Puts samples of one tag into their chunk, beside those that are there. A chunk that is damaged is not written over: nobody
-/// would ever know of it. How many have the time of another, and do not count.
+/// would ever know of it. How many of them have the time of another, and do not count.
 pub(super) fn merge(
     db: &Transaction<'_>,
     start: i64,
@@ -410,10 +410,13 @@ pub(super) fn merge(
         None => Vec::new(),
         Some(blob) => codec::decode(blob).ok_or_else(|| damaged(start, tag))?,
     };
+    let bad: HashSet<u64> =
+        all.iter().filter(|own| !own.quality.is_good()).map(|own| own.t.to_bits()).collect();
     all.extend_from_slice(samples);
     let count = all.len();
     codec::unique(&mut all);
-    let twice = (count - all.len()) as u64;
+    let is_in_place = |own: &&Sample| own.quality.is_good() && bad.contains(&own.t.to_bits());
+    let twice = (count - all.len() - all.iter().filter(is_in_place).count()) as u64;
     all.truncate(codec::MAX_SAMPLES);
     db.prepare_cached("INSERT OR REPLACE INTO chunks (key, samples) VALUES (?1, ?2)")?
         .execute(params![key, codec::encode(&all)])?;

@@ -2,6 +2,7 @@
 //! hands, and neither keep-alive nor the server's own limits notice what stands between and swallows everything.
 
 use super::super::StoreError;
+use super::super::backend::Beat;
 use crate::bounded::{Bounded, POSTGRES};
 use std::cell::Cell;
 use std::fmt;
@@ -43,6 +44,8 @@ struct Asking {
     patience: Duration,
     /// An answer did not come: whatever comes now belongs to another question.
     silent: Cell<bool>,
+    /// Hears each answer.
+    beat: Beat,
 }
 
 impl fmt::Debug for Client {
@@ -55,7 +58,7 @@ impl Asking {
     fn new(patience: Duration) -> Result<Self, StoreError> {
         let none = |error: io::Error| StoreError::Away(format!("there is nothing to connect with: {error}"));
         let runtime = Builder::new_current_thread().enable_all().build().map_err(none)?;
-        Ok(Self { runtime: Some(runtime), patience, silent: Cell::new(false) })
+        Ok(Self { runtime: Some(runtime), patience, silent: Cell::new(false), beat: Beat::default() })
     }
 
     fn runtime(&self) -> Result<&Runtime, StoreError> {
@@ -68,7 +71,10 @@ impl Asking {
         }
         let bounded = async { tokio::time::timeout(self.patience, answer).await };
         match self.runtime()?.block_on(bounded) {
-            Ok(answered) => Ok(answered?),
+            Ok(answered) => {
+                self.beat.heard();
+                Ok(answered?)
+            }
             Err(_) => {
                 self.silent.set(true);
                 Err(StoreError::Away(format!("no answer for {} s", self.patience.as_secs())))
@@ -162,6 +168,11 @@ impl Client {
         self.asking.patience = patience;
         let server = patience.saturating_sub(MARGIN).as_millis();
         self.batch_execute(&format!("SET statement_timeout TO '{server}ms'"))
+    }
+
+    /// Has each answer told from now on.
+    pub fn tell_answers(&mut self, to: Beat) {
+        self.asking.beat = to;
     }
 
     /// Whether nothing will ever be answered any more.
@@ -267,6 +278,8 @@ impl Ask for Transaction<'_> {
 mod tests {
     use super::*;
     use crate::store::embedded::tests::Folder;
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
     use std::sync::mpsc::channel;
     use tokio::net::UnixSocket;
 
@@ -300,6 +313,22 @@ mod tests {
         let Err(StoreError::Away(why)) = connected else { panic!("nobody accepts there") };
         assert!(why.contains("nobody takes the connections"), "{why}");
         drop((listener, queue));
+    }
+
+    #[test]
+    fn each_answer_is_told_and_silence_is_not() {
+        let heard = Arc::new(AtomicUsize::new(0));
+        let own = heard.clone();
+        let mut asking = Asking::new(Duration::from_millis(10)).expect("a runtime");
+        asking.beat = Beat::new(move || {
+            own.fetch_add(1, Relaxed);
+        });
+        for answers in 1..=3 {
+            asking.ask(async { Ok::<_, Error>(()) }).expect("an answer");
+            assert_eq!(heard.load(Relaxed), answers);
+        }
+        assert!(asking.ask(std::future::pending::<Result<(), Error>>()).is_err());
+        assert_eq!(heard.load(Relaxed), 3);
     }
 
     #[test]

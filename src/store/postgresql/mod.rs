@@ -21,7 +21,7 @@ mod write;
 pub use link::said;
 pub(super) use read::Reader;
 
-use super::backend::{Found, Spool, Usage, Writes};
+use super::backend::{Beat, Found, Spool, Usage, Writes};
 use super::{Batch, Config, Row, StoreError, Upkeep, embedded};
 use client::Ask;
 use embedded::Part;
@@ -55,6 +55,7 @@ pub(super) struct Store {
     unknown: Unknown,
     refused: u64,
     delivered: u64,
+    beat: Beat,
 }
 
 impl Store {
@@ -90,6 +91,7 @@ impl Store {
             unknown: Unknown::default(),
             refused: 0,
             delivered: 0,
+            beat: Beat::default(),
         };
         match store.connect(is_read) {
             Err(error @ (StoreError::TooNew(_) | StoreError::Foreign(_))) => return Err(error),
@@ -104,6 +106,7 @@ impl Store {
 
     fn connect(&mut self, opening: bool) -> Result<(), StoreError> {
         let mut client = link::connect(&self.config, link::WRITES)?;
+        client.tell_answers(self.beat.clone());
         let lock = "SELECT pg_try_advisory_lock(hashtext('stictiond'), hashtext($1))";
         if !client.query_one(lock, &[&self.config.schema])?.get::<_, bool>(0) {
             let schema = &self.config.schema;
@@ -323,6 +326,13 @@ impl Writes for Store {
 
     fn merged(&mut self) -> Result<(), StoreError> {
         self.unknown.merged(&mut self.spool)
+    }
+
+    fn tell_answers(&mut self, to: Beat) {
+        if let Some(link) = &mut self.link {
+            link.client.tell_answers(to.clone());
+        }
+        self.beat = to;
     }
 
     fn disconnect(&mut self) {

@@ -19,13 +19,35 @@ const FULL: f64 = 0.95;
 /// Samples younger than this (s) outlast the trends when the room is full.
 const DAY_S: f64 = 86_400.0;
 
+/// A partition of samples that is thinned.
+#[derive(Clone, Copy, Debug)]
+struct Thinning {
+    begin: i64,
+    /// Where it goes on (s).
+    from: i64,
+    /// Because of its age, and not for room.
+    by_age: bool,
+}
+
+impl Thinning {
+    fn new(begin: i64, by_age: bool) -> Self {
+        Self { begin, from: begin, by_age }
+    }
+}
+
+/// A run that may go: the latest of each loop stays, and the latest with a report.
+const OLD_RUN: &str = "finished < (SELECT max(finished) FROM diagnoses WHERE control_loop = own.control_loop) AND finished <
+    coalesce((SELECT max(finished) FROM diagnoses WHERE control_loop = own.control_loop AND report IS NOT NULL), 'Infinity')";
+/// A model that may go: the latest of each loop stays.
+const OLD_MODEL: &str =
+    "version < (SELECT max(version) FROM models AS own WHERE own.control_loop = models.control_loop)";
+
 /// How far it has come.
 #[derive(Debug)]
 pub(super) struct Retention {
     /// When it was looked at last (s).
     looked: f64,
-    /// The partition that is thinned, by its begin, and where it goes on (s).
-    thinning: Option<(i64, i64)>,
+    thinning: Option<Thinning>,
     /// Bytes of all tables, as of then.
     pub bytes: u64,
     pub age: Age,
@@ -55,7 +77,7 @@ impl Retention {
 
     fn work(&mut self, link: &mut Link, config: &Config, now: f64) -> Result<bool, StoreError> {
         match self.thinning {
-            Some((begin, from)) => self.thin(link, config, begin, from).map(|()| true),
+            Some(thinning) => self.thin(link, config, thinning).map(|()| true),
             None => Ok(self.by_age(link, config, now)? || self.by_size(link, config, now)?),
         }
     }
@@ -67,13 +89,15 @@ impl Retention {
     }
 
     fn by_age(&mut self, link: &mut Link, config: &Config, now: f64) -> Result<bool, StoreError> {
+        if self.age.lags(now) {
+            self.age.skip(now, due(link, config)?);
+        }
         let now = self.age.now(now);
         let day = |days: f64| now - days * DAY_S;
         if let Some(begin) = oldest(link, "samples", SAMPLES_S)?
             && ((begin + SAMPLES_S) as f64) < day(config.samples_days)
         {
-            self.thinning = Some((begin, begin));
-            self.age.thinned(SAMPLES_S);
+            self.thinning = Some(Thinning::new(begin, true));
             return Ok(true);
         }
         if let Some(begin) = oldest(link, "trends", TRENDS_S)?
@@ -97,7 +121,9 @@ impl Retention {
         }
         let samples = oldest(link, "samples", SAMPLES_S)?.map(|begin| (begin, (begin + SAMPLES_S) as f64));
         match (samples, oldest(link, "trends", TRENDS_S)?) {
-            (Some((begin, end)), _) if end < now - DAY_S => self.thinning = Some((begin, begin)),
+            (Some((begin, end)), _) if end < now - DAY_S => {
+                self.thinning = Some(Thinning::new(begin, false));
+            }
             (_, Some(begin)) if ((begin + TRENDS_S) as f64) < now => {
                 drop_until(link, "trends", begin + TRENDS_S, TRENDS_S)?
             }
@@ -118,7 +144,8 @@ impl Retention {
 
     /// Turns one window of a partition into points; after the last one the partition goes. Broken off it is begun anew:
     /// a point that is there stays.
-    fn thin(&mut self, link: &mut Link, config: &Config, begin: i64, from: i64) -> Result<(), StoreError> {
+    fn thin(&mut self, link: &mut Link, config: &Config, thinning: Thinning) -> Result<(), StoreError> {
+        let Thinning { begin, from, by_age } = thinning;
         let end = begin + SAMPLES_S;
         let next: Option<SystemTime> = link
             .client
@@ -127,14 +154,18 @@ impl Retention {
         let Some(next) = next.filter(|_| config.trend_days > 0.0) else {
             drop_until(link, "samples", end, SAMPLES_S)?;
             self.thinning = None;
+            // Only now: one that fails is begun anew.
+            if by_age {
+                self.age.thinned(SAMPLES_S);
+            }
             return Ok(());
         };
         let from = (seconds(next, None) as i64).div_euclid(WINDOW) * WINDOW;
-        let mut thinning = link.client.transaction()?;
+        let mut writing = link.client.transaction()?;
         if link.partitioned {
-            partition(&mut thinning, "trends", from.div_euclid(TRENDS_S) * TRENDS_S, TRENDS_S)?;
+            partition(&mut writing, "trends", from.div_euclid(TRENDS_S) * TRENDS_S, TRENDS_S)?;
         }
-        thinning.execute(
+        writing.execute(
             "INSERT INTO trends (at, tag, least, mean, most)
              SELECT date_bin(make_interval(secs => $3), at, timestamptz 'epoch') AS point, tag,
                 min(value) FILTER (WHERE fits), avg(value) FILTER (WHERE fits), max(value) FILTER (WHERE fits)
@@ -143,8 +174,8 @@ impl Retention {
              GROUP BY point, tag ON CONFLICT DO NOTHING",
             &[&time(from), &time(from + WINDOW), &f64::from(config.trend_s)],
         )?;
-        thinning.commit()?;
-        self.thinning = Some((begin, from + WINDOW));
+        writing.commit()?;
+        self.thinning = Some(Thinning { begin, from: from + WINDOW, by_age });
         Ok(())
     }
 }
@@ -157,6 +188,25 @@ fn time(t: i64) -> SystemTime {
 fn oldest(link: &mut Link, table: &str, span: i64) -> Result<Option<i64>, StoreError> {
     let at: Option<SystemTime> = link.client.query_one(&format!("SELECT min(at) FROM {table}"), &[])?.get(0);
     Ok(at.map(|at| (seconds(at, None) as i64).div_euclid(span) * span))
+}
+
+/// When the first row of all has reached its days (s), of those that may go; infinite where there is none.
+fn due(link: &mut Link, config: &Config) -> Result<f64, StoreError> {
+    let samples = oldest(link, "samples", SAMPLES_S)?.map(|begin| begin as f64);
+    let trends = oldest(link, "trends", TRENDS_S)?.map(|begin| begin as f64);
+    let mut due = f64::INFINITY;
+    for (at, days) in [(samples, config.samples_days), (trends, config.trend_days)] {
+        due = at.map_or(due, |at| due.min(at + days * DAY_S));
+    }
+    for (sql, days) in [
+        ("SELECT min(at) FROM transitions".to_string(), config.alarms_days),
+        (format!("SELECT min(finished) FROM diagnoses AS own WHERE {OLD_RUN}"), config.diagnoses_days),
+        (format!("SELECT min(since) FROM models WHERE {OLD_MODEL}"), config.diagnoses_days),
+    ] {
+        let at: Option<f64> = link.client.query_one(&sql, &[])?.get(0);
+        due = at.map_or(due, |at| due.min(at + days * DAY_S));
+    }
+    Ok(due)
 }
 
 /// Drops every partition that ends at or before a time (s).
@@ -181,19 +231,13 @@ fn drop_until(link: &mut Link, table: &str, end: i64, span: i64) -> Result<(), S
 
 /// Runs and models that ended before a time, the latest of each loop left.
 fn drop_diagnoses(link: &mut Link, before: f64) -> Result<u64, StoreError> {
-    let runs = link.client.execute(
-        "DELETE FROM diagnoses WHERE id IN (SELECT id FROM diagnoses AS own WHERE finished < $1 AND finished <
-            (SELECT max(finished) FROM diagnoses WHERE control_loop = own.control_loop) AND finished <
-            coalesce((SELECT max(finished) FROM diagnoses WHERE control_loop = own.control_loop
-                AND report IS NOT NULL), 'Infinity')
-         ORDER BY finished LIMIT $2)",
-        &[&before, &ROWS],
-    )?;
-    let models = link.client.execute(
-        "DELETE FROM models WHERE since < $1 AND version <
-            (SELECT max(version) FROM models AS own WHERE own.control_loop = models.control_loop)",
-        &[&before],
-    )?;
+    let runs = format!(
+        "DELETE FROM diagnoses WHERE id IN (SELECT id FROM diagnoses AS own WHERE finished < $1 AND {OLD_RUN}
+         ORDER BY finished LIMIT $2)"
+    );
+    let runs = link.client.execute(&runs, &[&before, &ROWS])?;
+    let models = format!("DELETE FROM models WHERE since < $1 AND {OLD_MODEL}");
+    let models = link.client.execute(&models, &[&before])?;
     Ok(runs + models)
 }
 

@@ -23,6 +23,12 @@ impl Running {
         Self { since, at, told: false }
     }
 
+    /// It gets on, as a database has answered.
+    pub fn answered(&mut self, now: Instant) {
+        let lasted = now.saturating_duration_since(self.since);
+        *self = Self::new(now, self.at + lasted.as_secs_f64());
+    }
+
     /// Why the store counts as failing at a time, and since when (s); `None` while the round may well be at work.
     pub fn hangs(&mut self, now: Instant) -> Option<(String, f64)> {
         let lasted = now.saturating_duration_since(self.since);
@@ -54,5 +60,17 @@ mod tests {
             let why = format!("a round has lasted {} s: the disk or the database does not answer", 180 + s);
             assert_eq!(running.hangs(since + LONGEST + Duration::from_secs(s)), Some((why, 7.0)));
         }
+    }
+
+    #[test]
+    fn a_round_of_many_answers_does_not_hang_however_long_it_lasts() {
+        let since = Instant::now();
+        let mut running = Running::new(since, 7.0);
+        for answers in 1..=10u32 {
+            assert_eq!(running.hangs(since + answers * LONGEST), None);
+            running.answered(since + answers * LONGEST);
+        }
+        let (_, at) = running.hangs(since + 11 * LONGEST + Duration::from_secs(1)).expect("none since");
+        assert_eq!(at, 7.0 + 10.0 * LONGEST.as_secs_f64());
     }
 }

@@ -163,6 +163,33 @@ fn an_era_that_was_begun_outlives_a_write_that_fails() {
     }
 }
 
+/// Closed without the mark it would carry its log over into the damaged database.
+#[test]
+fn a_store_that_is_found_damaged_is_marked_before_it_is_closed() {
+    let folder = Folder::new();
+    let config = Config::new(&folder.0);
+    let [control_loop, source, unit] = ["A", "", ""].map(String::from);
+    let tag = Arc::new(TagName { control_loop, tag: "op".into(), source, unit });
+    let batch = |t| {
+        let series = Series { tag: tag.clone(), samples: vec![Sample::good(t, 1.0)] };
+        Batch { series: vec![series], rows: Vec::new() }
+    };
+    let mut store = Store::open(&config).expect("opens");
+    store.insert(&batch(1000.0)).expect("inserts");
+    let db = rusqlite::Connection::open(folder.0.join("store.db")).expect("opens");
+    db.execute("UPDATE chunks SET samples = zeroblob(40)", []).expect("writes");
+    drop(db);
+    // In the same chunk, which is over: it is merged with what is damaged.
+    let driven = Driven { by_hand: true, ..Driven::default() };
+    let feed = SetBack(batch(1001.0), false);
+    let writer = Writer::driven(&driven, &config, Ok(store), feed, || 5000.0).expect("begun");
+    assert!(!writer.flush(Duration::ZERO), "it is damaged");
+    assert!(writer.status().is_damaged && super::super::is_damaged(&config));
+    let log = std::fs::metadata(folder.0.join("store.db-wal")).expect("there");
+    assert!(log.len() > 0, "the log stays as it was");
+    writer.stop();
+}
+
 /// Its round lasts until it is let go.
 struct Slow(Batch, Sender<()>, Receiver<()>);
 

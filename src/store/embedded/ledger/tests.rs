@@ -1,4 +1,4 @@
-use super::{ACKNOWLEDGED, Damage, PAGE_BYTES, SUMS, examine, examine_beside, examine_some, marked};
+use super::{ACKNOWLEDGED, Damage, Ledger, PAGE_BYTES, SUMS, examine, examine_beside, examine_some, marked};
 use crate::store::backend::Writes;
 use crate::store::embedded::frames::log_of;
 use crate::store::embedded::tests::{Folder, all, batch, good, tag};
@@ -48,6 +48,31 @@ fn what_goes_behind_a_log_that_was_carried_over_is_not_cut_away_with_it() {
     assert_eq!(all(&image)[&1], good(0..20));
     drop(again);
     assert_eq!(all(&image)[&1], good(0..20), "in the database");
+}
+
+/// A part of it would turn pages back. All of it is read by somebody, who would go on behind a hole.
+#[test]
+fn of_a_log_that_was_carried_over_only_a_part_is_cut() {
+    let (folder, op) = (Folder::new(), tag("A", "op"));
+    let mut store = Store::open(&folder.config()).expect("opens");
+    store.write(&batch(&op, good(0..10))).expect("writes");
+    let path = folder.0.join(DATABASE);
+    let reader = Connection::open_with_flags(path, OpenFlags::SQLITE_OPEN_READ_ONLY).expect("opens");
+    reader.execute_batch("BEGIN").expect("begins");
+    let tags: i64 = reader.query_row("SELECT count(*) FROM tags", [], |row| row.get(0)).expect("reads");
+    assert_eq!(tags, 1);
+    store.db.busy_timeout(Duration::ZERO).expect("no wait");
+    store.carry_over().expect("carried over");
+    let image = cut_off(&folder, &acknowledged(&folder));
+    let length = || fs::metadata(log_of(&image.0)).expect("there").len();
+    let before = length();
+    drop(Ledger::open(&image.0, Upkeep::default()).expect("opens"));
+    assert!(before > 0 && length() == before, "{before} bytes, now {}", length());
+    let log = OpenOptions::new().write(true).open(log_of(&image.0)).expect("there");
+    log.set_len(before - 1).expect("writable");
+    drop(Ledger::open(&image.0, Upkeep::default()).expect("opens"));
+    assert_eq!(length(), 0);
+    drop(reader);
 }
 
 /// Whatever of the log is in the database by then: the log has all of it.

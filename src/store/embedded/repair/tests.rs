@@ -95,3 +95,38 @@ fn what_a_repair_left_that_did_not_get_far_is_made_anew() {
     assert!(!own.0.join("store.new").exists());
     assert_eq!(finish_repair(&Config::new(&own.0)).expect("nothing is left to do"), None);
 }
+
+#[test]
+fn what_a_repair_before_has_put_away_is_not_written_over() {
+    let own = damaged();
+    let truth = content(&own.0);
+    fs::create_dir(own.0.join("damaged-1")).expect("writable");
+    fs::write(own.0.join("damaged-1").join(DATABASE), "of before").expect("writable");
+    let (_, away) = prepare(&own.0).expect("made");
+    assert!(away.ends_with("damaged-2"));
+    fs::remove_dir(&away).expect("nothing is in it");
+    let ended = finish_repair(&Config::new(&own.0)).expect("ended");
+    assert_eq!(ended, Some(own.0.join("damaged-2")));
+    assert_eq!(fs::read(own.0.join("damaged-1").join(DATABASE)).expect("there"), b"of before");
+    assert_eq!(content(&own.0), truth);
+}
+
+/// Who reads it outlives the exchange, and would read a database that is written to by another name.
+#[test]
+fn nobody_reads_a_repaired_store_while_it_is_put_into_its_place() {
+    let own = damaged();
+    let truth = content(&own.0);
+    prepare(&own.0).expect("made");
+    let held = lock(&own.0).expect("free");
+    assert!(matches!(Reader::open(&own.0), Err(StoreError::InUse(_))));
+    drop(held);
+    assert_eq!(content(&own.0), truth, "nobody is at work");
+}
+
+#[test]
+fn an_address_is_of_any_path() {
+    assert_eq!(
+        unchanging(Path::new("/a b/50%?#/s-1_ü.db")),
+        "file:/a%20b/50%25%3f%23/s-1_%c3%bc.db?immutable=1"
+    );
+}

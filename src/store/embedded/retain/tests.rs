@@ -77,6 +77,23 @@ fn a_full_store_that_is_given_less_room_goes_on_and_what_is_oldest_goes() {
     assert!(first > 20 * 3600 && last == 40 * 3600 - 600, "from {first} to {last}");
 }
 
+/// The first note is of 1970, and so are a few samples: neither holds what comes later for years.
+#[test]
+fn a_first_note_that_is_years_behind_does_not_hold_everything_for_years() {
+    const BEGIN: f64 = 1_767_225_600.0;
+    let folder = Folder::new();
+    let mut store = Store::open(&folder.config()).expect("opens");
+    while store.tidy(5.0).expect("tidies") {}
+    store.insert(&batch(&tag("A", "op"), vec![Sample::good(BEGIN, 1.0)])).expect("inserts");
+    let latest = DiagnosisRow { control_loop: "A".into(), finished: 6.0, ..DiagnosisRow::default() };
+    store.write(&Batch { series: Vec::new(), rows: vec![Row::Diagnosis(latest)] }).expect("writes");
+    let clock = BEGIN + 1e9;
+    while store.tidy(clock).expect("tidies") {}
+    let (now, due) = (store.age.now(clock), BEGIN + (store.config.samples_days - 1.0) * DAY_S);
+    assert!((due..due + DAY_S).contains(&now), "{now}: the latest run of a loop never goes");
+    assert_eq!(number(&store, "SELECT count(*) FROM chunks"), 1, "nothing has gone");
+}
+
 #[test]
 fn a_file_of_which_a_quarter_is_free_shrinks() {
     let folder = Folder::new();
