@@ -25,6 +25,8 @@ const ATTEMPTS: u32 = 20;
 const MOST_SAMPLES: usize = 500_000;
 /// Longest that a server is waited for while it gives what one tag has of one part.
 const MOST_WAIT: Duration = Duration::from_secs(600);
+/// A part with this share of the samples and of the time that are too much is followed by one twice as long: that is well below, too.
+const LIGHT: f64 = 0.125;
 /// A slice is not divided any further (s).
 const LEAST_S: f64 = 1.0;
 /// A part longer by this (s) is as long: times of today have steps of 2.4e-7 s.
@@ -191,8 +193,11 @@ impl<I: Iterator<Item = (f64, f64)>> Rest<I> {
         (left.1 > left.0).then_some(left)
     }
 
-    /// A part was kept.
-    fn kept(&mut self, part: (f64, f64)) {
+    /// A part was kept. Where it was `light`, the next ones are longer: what was too much may have been an hour of many.
+    fn kept(&mut self, part: (f64, f64), light: bool) {
+        if light && part.1 - part.0 > self.part_s - ROUNDING_S {
+            self.part_s *= 2.0;
+        }
         self.next = self.left(part).or_else(|| self.slices.next());
     }
 
@@ -262,6 +267,7 @@ async fn session(
     }
     let mut asked = Asked { link: &mut link, average_s: wish.average_s };
     while let Some((from, to)) = rest.part() {
+        let began = Instant::now();
         let series = match part(&mut asked, &tags, wish, (from, to)).await? {
             Read::Whole(series) => series,
             Read::TooMuch(..) if rest.divide((from, to)) => continue,
@@ -275,10 +281,12 @@ async fn session(
         };
         let samples: usize = series.iter().map(|(_, samples)| samples.len()).sum();
         info!(device = %plan.config.name, from, to, samples, "history read");
+        let light =
+            samples as f64 <= LIGHT * MOST_SAMPLES as f64 && began.elapsed() <= MOST_WAIT.mul_f64(LIGHT);
         let is_last = rest.left((from, to)).is_none();
         let slice = Slice { from, to, series, is_last };
         keep.keep(slice).await.map_err(|error| Ended::For(HistoryError::Kept(error)))?;
-        rest.kept((from, to));
+        rest.kept((from, to), light);
     }
     Ok(())
 }

@@ -40,7 +40,7 @@ fn a_slice_that_is_too_much_is_divided_and_the_next_ones_with_it() {
                 continue;
             }
             parts.push((part, rest.left(part).is_none()));
-            rest.kept(part);
+            rest.kept(part, false);
         }
         assert_eq!(parts.iter().filter(|(_, last)| *last).count(), 2, "{parts:?}");
         let mut spans: Vec<(f64, f64)> = parts.into_iter().map(|(part, _)| part).collect();
@@ -56,6 +56,27 @@ fn a_slice_that_is_too_much_is_divided_and_the_next_ones_with_it() {
     assert!(rest.divide((0.0, 300.0)) && rest.part() == Some((0.0, 120.0)), "whole means");
     assert!(rest.divide((0.0, 120.0)) && !rest.divide((0.0, 60.0)));
     assert!(!rest_of(&wish()).divide((5.0, 6.0)));
+}
+
+#[test]
+fn parts_grow_again_behind_a_dense_hour() {
+    for newest_first in [false, true] {
+        let wish = Wish { newest_first, ..wish() };
+        let mut rest = rest_of(&wish);
+        let whole = rest.part().expect("there is one");
+        assert!(rest.divide(whole));
+        for _ in 0..5 {
+            let part = rest.part().expect("there is one");
+            assert!(rest.divide(part));
+        }
+        let mut spans = Vec::new();
+        while let Some(part) = rest.part() {
+            spans.push(part.1 - part.0);
+            rest.kept(part, spans.len() != 1);
+        }
+        // The first was as much as can be held; the last is what is left.
+        assert_eq!(spans, [64.0, 64.0, 128.0, 256.0, 512.0, 1024.0, 2048.0]);
+    }
 }
 
 /// A server that answers as it is told: by how often it was asked before, and from when to when.

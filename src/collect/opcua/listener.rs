@@ -4,15 +4,16 @@
 use super::value::{Meaning, Received};
 use opcua::client::{MonitoredItem, OnSubscriptionNotification};
 use opcua::types::{DataValue, StatusChangeNotification, StatusCode};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, OnceLock};
 use tokio::sync::Notify;
 use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
+use tokio::time::Instant;
 
 /// Memory of the events that wait for the collector at most (bytes): room for some 100,000 numbers. What is more is dropped and
-/// counted.
+/// counted, and so is all that comes later: what is held has no holes.
 const MOST_BYTES: usize = 8 << 20;
-/// From so many bytes on too much waits for the collector to do anything but take it: half, so that nothing is dropped yet.
+/// From so many bytes on the collector waits for a server only while that answers: half, so that nothing is dropped yet.
 const CROWDED: usize = MOST_BYTES / 2;
 
 /// What a subscription brings.
@@ -40,8 +41,10 @@ impl Event {
 struct Waiting {
     /// Memory of those that wait.
     bytes: AtomicUsize,
-    /// Those that found no room.
+    /// Those that found no room, or came later than one that found none.
     dropped: AtomicU64,
+    /// When the first of them came.
+    full: OnceLock<Instant>,
     /// Told when there are too many.
     crowded: Notify,
 }
@@ -70,11 +73,16 @@ impl Listener {
     /// Only this end adds, so nothing comes between the look at what waits and the event.
     fn send(&self, event: Event) {
         let bytes = event.bytes();
-        let all = self.waiting.bytes.fetch_add(bytes, Ordering::Relaxed) + bytes;
-        // Where nobody receives any more, nobody asks what was dropped.
-        if all > MOST_BYTES || self.sender.send(event).is_err() {
-            self.waiting.bytes.fetch_sub(bytes, Ordering::Relaxed);
+        let all = self.waiting.bytes.load(Ordering::Relaxed) + bytes;
+        if all > MOST_BYTES || self.waiting.full.get().is_some() {
+            self.waiting.full.get_or_init(Instant::now);
             self.waiting.dropped.fetch_add(1, Ordering::Relaxed);
+            return;
+        }
+        self.waiting.bytes.fetch_add(bytes, Ordering::Relaxed);
+        if self.sender.send(event).is_err() {
+            // Nobody receives any more.
+            self.waiting.bytes.fetch_sub(bytes, Ordering::Relaxed);
         }
         if all >= CROWDED {
             self.waiting.crowded.notify_one();
@@ -107,6 +115,13 @@ impl Events {
         Some(event)
     }
 
+    /// The next event, if one waits.
+    pub(super) fn take(&mut self) -> Option<Event> {
+        let event = self.receiver.try_recv().ok()?;
+        self.waiting.bytes.fetch_sub(event.bytes(), Ordering::Relaxed);
+        Some(event)
+    }
+
     /// Whether none waits.
     pub(super) fn is_empty(&self) -> bool {
         self.receiver.is_empty()
@@ -119,9 +134,10 @@ impl Events {
         }
     }
 
-    /// Events dropped since this was last asked.
-    pub(super) fn take_dropped(&self) -> u64 {
-        self.waiting.dropped.swap(0, Ordering::Relaxed)
+    /// Since when events are dropped, and how many were, if any.
+    pub(super) fn dropped(&self) -> Option<(Instant, u64)> {
+        let since = self.waiting.full.get()?;
+        Some((*since, self.waiting.dropped.load(Ordering::Relaxed)))
     }
 }
 
@@ -164,14 +180,15 @@ mod tests {
             // A number, a value of nothing and an array of any length take the same; a text is cut short.
             assert!(room > 20_000, "{room} of {value:?}");
             listener.value(1, &value);
-            assert_eq!((events.take_dropped(), events.take_dropped()), (2, 0));
+            assert_eq!(events.dropped().map(|(_, count)| count), Some(2));
             for _ in 0..room {
                 assert!(matches!(events.recv().now_or_never(), Some(Some(Event::Value(0, _)))));
             }
             assert!(events.is_empty() && events.waiting.bytes.load(Ordering::Relaxed) == 0);
-            // There is room again, and the end of the subscription needs some as well.
+            // There is room again, but what comes now would stand behind a hole.
+            listener.value(1, &value);
             listener.send(Event::Ended(StatusCode::BadTimeout));
-            assert!(matches!(events.recv().now_or_never(), Some(Some(Event::Ended(_)))));
+            assert!(events.take().is_none() && events.dropped().map(|(_, count)| count) == Some(4));
         }
     }
 
@@ -185,7 +202,7 @@ mod tests {
             listener.value(1, &one);
         }
         assert!(events.crowded().now_or_never().is_some() && events.crowded().now_or_never().is_some());
-        assert_eq!(events.take_dropped(), 0);
+        assert_eq!(events.dropped(), None);
         assert!(events.recv().now_or_never().is_some());
         assert!(events.crowded().now_or_never().is_none());
     }
@@ -196,6 +213,6 @@ mod tests {
         for handle in [0, 2, u32::MAX] {
             listener.value(handle, &of(Variant::from(1.0)));
         }
-        assert!(events.is_empty() && events.take_dropped() == 0);
+        assert!(events.is_empty() && events.dropped().is_none());
     }
 }

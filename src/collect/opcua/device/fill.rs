@@ -19,8 +19,12 @@ const AHEAD_S: f64 = 60.0;
 const WRONG_S: f64 = 86_400.0;
 /// Rounds over the nodes of one batch at most: enough for 31 days of a value a second in pages of 1,000.
 const MAX_ROUNDS: usize = 3000;
-/// Live values wait for history no longer than this: pages of 31 days come in it at five a second.
+/// Live values wait no longer than this for history that comes too slowly to be worth it.
 const MOST_WAIT: Duration = Duration::from_secs(600);
+/// And so much longer for each new sample of it: a server that gives 500 a second is read to its end.
+const SAMPLE_WAIT: Duration = Duration::from_millis(2);
+/// With many live values waiting, a server that has not answered for so long is not waited for.
+const STALLED: Duration = Duration::from_secs(10);
 /// After so many sessions in a row that were lost while history was read, one goes on without it.
 const MOST_LOST: u32 = 2;
 
@@ -32,28 +36,51 @@ struct Filled {
     failed: Vec<usize>,
     /// The server did not give the service at all.
     refused: bool,
-    /// Why live values could wait no longer, if they could not.
+    /// Why live values could wait no longer for this batch, if they could not.
     over: Option<&'static str>,
 }
 
-/// How long live values can wait.
+/// How long live values can wait; without events, as long as the history needs.
 struct Patience<'e> {
     events: Option<&'e Events>,
+    /// For all that is read.
     until: Instant,
+    /// For the batch that is being read.
+    batch_until: Instant,
+    /// When the server last answered.
+    answered: Instant,
 }
 
-impl Patience<'_> {
+impl<'e> Patience<'e> {
+    fn new(events: Option<&'e Events>) -> Self {
+        let now = Instant::now();
+        Self { events, until: now + MOST_WAIT, batch_until: now + MOST_WAIT, answered: now }
+    }
+
+    /// A batch begins, and so many are left with it: each has the same part of the time that is left.
+    fn begin(&mut self, left: usize) {
+        let now = Instant::now();
+        let each = self.until.saturating_duration_since(now).div_f64(left.max(1) as f64);
+        self.batch_until = now + each;
+    }
+
+    /// The server answered with so many new samples, which are worth waiting for.
+    fn answered(&mut self, news: u64) {
+        self.answered = Instant::now();
+        let more = SAMPLE_WAIT.mul_f64(news as f64);
+        (self.until, self.batch_until) = (self.until + more, self.batch_until + more);
+    }
+
     /// Ends when they can wait no longer, and says why.
     async fn over(&self) -> &'static str {
-        let crowded = async {
-            match self.events {
-                Some(events) => events.crowded().await,
-                None => std::future::pending().await,
-            }
+        let Some(events) = self.events else { return std::future::pending().await };
+        let stalled = async {
+            events.crowded().await;
+            sleep_until(self.answered + STALLED).await;
         };
         tokio::select! {
-            () = crowded => "too many live values wait",
-            () = sleep_until(self.until) => "live values have waited for too long",
+            () = stalled => "many live values wait, and the server does not answer",
+            () = sleep_until(self.batch_until) => "live values have waited for too long",
         }
     }
 }
@@ -116,7 +143,8 @@ impl Batch {
 }
 
 impl Collector {
-    /// Reads what the server kept while nobody listened, oldest first, until too many `events` wait or for too long.
+    /// Reads what the server kept while nobody listened, oldest first, for as long as those who wait in `events` can; without them
+    /// nobody waits.
     pub(super) async fn fill(
         &mut self,
         link: &mut impl Historian,
@@ -130,8 +158,7 @@ impl Collector {
             .filter(|at| self.starting || self.tags[*at].series.last().is_some())
             .collect();
         if !asked.is_empty() && self.dares() {
-            let patience = Patience { events, until: Instant::now() + MOST_WAIT };
-            self.fill_all(link, &asked, &patience, sink).await?;
+            self.fill_all(link, &asked, Patience::new(events), sink).await?;
         }
         self.starting = false;
         Ok(())
@@ -164,7 +191,7 @@ impl Collector {
         &mut self,
         link: &mut impl Historian,
         asked: &[usize],
-        patience: &Patience<'_>,
+        mut patience: Patience<'_>,
         sink: &dyn Sink,
     ) -> Result<(), Lost> {
         let (from, to) = self.span(asked);
@@ -173,17 +200,20 @@ impl Collector {
             info!(device = %self.name(), tags = asked.len(), seconds, "history of before the start is read");
         }
         let (mut samples, mut unfilled, mut refused, mut over) = (0, 0, false, None);
-        for batch in asked.chunks(link.batch().max(1)) {
-            if refused || over.is_some() {
+        let batches = asked.chunks(link.batch().max(1));
+        let count = batches.len();
+        for (done, batch) in batches.enumerate() {
+            if refused {
                 unfilled += batch.len();
                 continue;
             }
-            let mut filled = self.fill_some(link, batch, (from, to), patience, sink).await?;
+            patience.begin(count - done);
+            let mut filled = self.fill_some(link, batch, (from, to), &mut patience, sink).await?;
             // Where something came it is asked for once anew, from the newest on.
             let again: Vec<usize> = filled.failed.iter().copied().filter(|at| !self.tags[*at].gap).collect();
             if !again.is_empty() && filled.over.is_none() {
                 let newest = again.iter().filter_map(|at| self.tags[*at].series.last()).fold(to, f64::min);
-                let rest = self.fill_some(link, &again, (newest, to), patience, sink).await?;
+                let rest = self.fill_some(link, &again, (newest, to), &mut patience, sink).await?;
                 filled.failed.retain(|at| !again.contains(at) || rest.failed.contains(at));
                 filled.samples += rest.samples;
                 (filled.refused, filled.over) = (rest.refused, rest.over);
@@ -194,7 +224,8 @@ impl Collector {
             }
             samples += filled.samples;
             unfilled += filled.failed.len();
-            (refused, over) = (filled.refused, filled.over);
+            refused = filled.refused;
+            over = over.or(filled.over);
         }
         if let Some(why) = over {
             warn!(device = %self.name(), samples, unfilled, "history is broken off, and the rest stays a gap: {why}");
@@ -211,7 +242,7 @@ impl Collector {
         link: &mut impl Historian,
         tags: &[usize],
         (from, to): (f64, f64),
-        patience: &Patience<'_>,
+        patience: &mut Patience<'_>,
         sink: &dyn Sink,
     ) -> Result<Filled, Lost> {
         let (mut filled, mut batch) = (Filled::default(), Batch::new(tags, from));
@@ -236,6 +267,7 @@ impl Collector {
             // One answer is held at a time: what it brought is handed on before the next is asked for.
             let answered = pages.len().min(batch.open.len());
             let answered: Vec<Open> = batch.open.drain(..answered).collect();
+            let before = filled.samples;
             for (mut tag, page) in answered.into_iter().zip(pages) {
                 if is_empty(page.status) {
                     continue;
@@ -262,6 +294,7 @@ impl Collector {
                     filled.failed.push(tag.at);
                 }
             }
+            patience.answered(filled.samples - before);
         }
         filled.failed.extend(batch.rest());
         Ok(filled)

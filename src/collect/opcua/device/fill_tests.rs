@@ -97,8 +97,8 @@ async fn live_values_wait_for_a_slow_historian_no_longer_than_ten_minutes() {
     // A value every nine seconds, and always one more.
     let slow = |asked: usize, _: f64| page(vec![good(1.0, START + 20.0 + asked as f64)], true);
     let mut historian = told(Duration::from_secs(9), 1, slow);
-    let began = Instant::now();
-    collector.fill(&mut historian, None, &sink).await.expect("the session lives");
+    let ((_listener, events), began) = (listening(&collector), Instant::now());
+    collector.fill(&mut historian, Some(&events), &sink).await.expect("the session lives");
     assert_eq!(began.elapsed().as_secs(), 600);
     assert_eq!((historian.asked, since(&sink, 0).len()), (67, 66), "the last answer was not waited for");
     assert!(collector.tags[0].gap, "the rest is missing");
@@ -139,16 +139,82 @@ async fn a_flood_ends_the_wait_for_a_historian_that_says_nothing_and_none_of_it_
         }
         fill.await.expect("the session lives");
     }
-    assert_eq!(began.elapsed(), Duration::ZERO, "no time has passed");
+    assert_eq!(began.elapsed().as_secs(), 10, "as long as an answer may take");
     for _ in 0..SENT {
         match events.recv().await {
             Some(Event::Value(at, value)) => collector.live(at, &value, &sink),
             other => panic!("{other:?}"),
         }
     }
-    assert_eq!((events.take_dropped(), since(&sink, 0).len()), (0, SENT as usize));
+    assert_eq!((events.dropped(), since(&sink, 0).len()), (None, SENT as usize));
     let mark = sink.of(0).into_iter().find(|sample| sample.value.is_nan()).expect("the gap is marked");
     assert!(mark.t > START + 10.0 && mark.t < START + 610.0, "{mark:?}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn nobody_waits_for_history_where_tags_are_polled() {
+    let sink = Recorder::default();
+    let mut collector = after_an_outage(1, &sink).await;
+    let slow = |asked: usize, _: f64| match asked {
+        0..100 => page(vec![good(1.0, START + 20.0 + asked as f64)], true),
+        _ => page(Vec::new(), false),
+    };
+    let mut historian = told(Duration::from_secs(9), 1, slow);
+    collector.fill(&mut historian, None, &sink).await.expect("the session lives");
+    assert_eq!(since(&sink, 0).len(), 100);
+    assert!(!collector.tags[0].gap, "nothing is missing");
+}
+
+#[tokio::test(start_paused = true)]
+async fn tags_that_are_asked_for_later_have_their_part_of_the_time() {
+    let sink = Recorder::default();
+    let mut collector = after_an_outage(250, &sink).await;
+    // Of the first hundred there is always one more; of the others all at once.
+    let slow = |asked: usize, _: f64| match asked {
+        0..23 => page(vec![good(1.0, START + 20.0 + asked as f64)], true),
+        _ => page(vec![good(1.0, START + 30.0)], false),
+    };
+    let mut historian = told(Duration::from_secs(9), 100, slow);
+    let (_listener, events) = listening(&collector);
+    collector.fill(&mut historian, Some(&events), &sink).await.expect("the session lives");
+    assert!(collector.tags[0].gap && !since(&sink, 0).is_empty(), "broken off after a third of the time");
+    for tag in [100, 199, 200, 249] {
+        assert!(since(&sink, tag) == [30.0] && !collector.tags[tag].gap, "{tag}");
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_crowd_does_not_end_history_that_comes_and_what_found_no_room_is_read_by_the_next_session() {
+    let sink = Recorder::default();
+    let mut collector = after_an_outage(1, &sink).await;
+    let (mut listener, mut events) = listening(&collector);
+    let item = MonitoredItem::new(1);
+    let mut sent = 0_u32;
+    while events.dropped().is_none() {
+        listener.on_data_value(good(f64::from(sent), START + 610.0 + f64::from(sent) / 1e3), &item);
+        sent += 1;
+        assert!(sent < 10_000_000, "there is always room");
+    }
+    let full = collector.steady();
+    // Five minutes of pages, which come.
+    let paged = |asked: usize, _: f64| match asked {
+        0..60 => page(vec![good(1.0, START + 20.0 + asked as f64)], true),
+        _ => page(Vec::new(), false),
+    };
+    let mut historian = told(Duration::from_secs(5), 1, paged);
+    collector.fill(&mut historian, Some(&events), &sink).await.expect("the session lives");
+    assert_eq!(since(&sink, 0).len(), 60);
+    // Later ones would stand behind a hole.
+    listener.on_data_value(good(1.0, START + 1000.0), &item);
+    let lost = collector.overflowed(&mut events, &sink).expect("some found no room");
+    assert!(lost.to_string().contains("2 values"), "{lost}");
+    let came = since(&sink, 0);
+    assert_eq!(came.len(), 60 + sent as usize - 1, "all before the first that was dropped");
+    assert!(came[came.len() - 1] < 1000.0);
+    assert!((collector.heard_at - full).abs() < 1e-6, "{} {full}", collector.heard_at);
+    collector.left();
+    let from = collector.tags[0].gap_from.expect("something is missing");
+    assert!(collector.tags[0].gap && (from - START - full).abs() < 1.0, "{from} {full}");
 }
 
 #[tokio::test(start_paused = true)]

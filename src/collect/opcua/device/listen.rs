@@ -79,9 +79,8 @@ impl Collector {
 
     /// A period is over: looks whether the subscription still brings what it has to.
     async fn tick(&mut self, link: &mut Link, own: &mut Subscription, sink: &dyn Sink) -> Result<(), Lost> {
-        let dropped = own.events.take_dropped();
-        if dropped > 0 {
-            return Err(Lost::Broken(format!("{dropped} values came faster than they could be taken")));
+        if let Some(lost) = self.overflowed(&mut own.events, sink) {
+            return Err(lost);
         }
         let silence = Duration::from_secs_f64(self.plan.silence_s());
         let pace = Duration::from_secs_f64(self.plan.pace_s());
@@ -106,6 +105,23 @@ impl Collector {
         self.repeat_frozen(sink);
         self.end_round(sink, Duration::ZERO);
         Ok(())
+    }
+
+    /// Where values found no room: takes those that came before, and says why the session is lost. The next one reads from history
+    /// what has come since the first that was dropped.
+    pub(super) fn overflowed(&mut self, events: &mut Events, sink: &dyn Sink) -> Option<Lost> {
+        let (since, _) = events.dropped()?;
+        while let Some(event) = events.take() {
+            if let Event::Value(at, value) = event {
+                self.live(at, &value, sink);
+            }
+        }
+        let (_, dropped) = events.dropped()?;
+        // They were taken late: what is missing begins where the first was dropped.
+        self.heard_at = since.saturating_duration_since(self.born).as_secs_f64();
+        // This session has lived through its history.
+        self.lost_filling = 0;
+        Some(Lost::Broken(format!("{dropped} values came faster than they could be taken")))
     }
 
     fn silent(&self, changed: usize) -> Lost {
