@@ -22,7 +22,7 @@ mod undersampling;
 pub mod validation;
 pub mod verdict;
 
-pub use acquisition::{Acquisition, Apart, ReadingLimits};
+pub use acquisition::{Acquisition, Apart, Carried, ReadingLimits};
 pub use config::Config;
 pub use history_kind::{HistoryFound, HistoryKind};
 pub use verdict::diagnose;
@@ -316,7 +316,9 @@ pub struct Preparation {
     pub worst_skew: f64,
     /// How far apart OP and PV of the gated record's rows were read.
     pub read_apart: Apart,
-    /// By which limits that is too far.
+    /// How much closer than the samples the rows of a given period are, if they are.
+    pub carried: Option<Carried>,
+    /// By which limits that is too far, or too much.
     pub reading: ReadingLimits,
     /// Samples dropped because their stamp repeats an earlier one.
     pub duplicates: usize,
@@ -343,6 +345,12 @@ impl Preparation {
         let Apart { share, .. } = self.read_apart;
         let is_too_far = self.read_apart.is_too_far(self.decimation, self.reading);
         is_too_far.then_some(NotIdentifiable::ReadApart { share })
+    }
+
+    /// Why the record says nothing of the rows that were asked for: too many repeat a reading, and each would count as evidence.
+    pub fn too_close(&self) -> Option<NotIdentifiable> {
+        let carried = self.carried.filter(|carried| carried.is_too_much(self.decimation, self.reading))?;
+        Some(NotIdentifiable::TsTooShort { ts: carried.ts, samples_s: carried.samples_s })
     }
 }
 

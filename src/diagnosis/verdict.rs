@@ -78,6 +78,9 @@ pub fn prepared(record: &Record, settings: &Settings) -> Result<Prepared, Box<Di
         Err(why) => return stop(why.0, why.1, None, None),
     };
     let (window, region) = prepare(window, settings, &mut preparation);
+    if let Some(reason) = preparation.too_close() {
+        return stop(reason, preparation, None, None);
+    }
     let n = window.len();
     let acted = |k: &usize| record.term_at(window.t0 + *k as f64 * window.ts) != 0.0;
     preparation.compensated = (0..n).filter(acted).count() as f64 / n.max(1) as f64;

@@ -121,11 +121,41 @@ fn of_changes(series: &[Sample]) -> bool {
 }
 
 /// Whether only a tag's changes were reported, so that it stood still at the rows without a sample: none repeats the one before,
-/// none is small, and they come at no pace of their own. Rows of a given period need not be a whole number of times as fast.
+/// none is small, and they come at no pace of their own.
+///
+/// `lattice`: rows no closer than the scans of the stamps, see [`scan_of_steps`]: every step is a multiple of several closer ones.
 pub fn reports_changes(series: &[Sample], lattice: &Lattice, limits: ReadingLimits) -> bool {
     let own = period(series).map_or(1.0, |own| own / lattice.period);
-    let polled = in_step(series, lattice, limits) || at_pace(&row_steps(series, lattice), own, limits);
-    of_changes(series) && !polled && apart(series, lattice)
+    // Every step is a multiple of one row: a tag of that pace was polled where hardly a row is without a sample.
+    let at_own = if (own - 1.0).abs() <= EXACT {
+        at_every_row(series, lattice)
+    } else {
+        at_pace(&row_steps(series, lattice), own, limits)
+    };
+    of_changes(series) && !at_own && !in_step(series, lattice, limits) && apart(series, lattice)
+}
+
+/// The longest period of which the steps of OP and those of PV are multiples (s): a tag that changes seldom has a step of one scan
+/// now and then, or steps whose difference is one.
+pub fn scan_of_steps(op: &[Sample], pv: &[Sample], limits: ReadingLimits) -> Option<f64> {
+    let mut steps = self::steps(op);
+    steps.extend(self::steps(pv));
+    let shortest = steps.iter().copied().fold(f64::INFINITY, f64::min);
+    let holds = |scan: &f64| {
+        let multiples = steps.iter().filter(|step| {
+            let rows = **step / scan;
+            (rows - rows.round()).abs() <= EXACT
+        });
+        multiples.count() as f64 >= limits.in_step * steps.len() as f64
+    };
+    (1..=4).map(|part| shortest / f64::from(part)).filter(|scan| scan.is_finite()).find(holds)
+}
+
+/// Whether hardly a row between a tag's first sample and its last is without one.
+fn at_every_row(series: &[Sample], lattice: &Lattice) -> bool {
+    let (Some(first), Some(last)) = (series.first(), series.last()) else { return false };
+    let rows = (lattice.row(last.t) - lattice.row(first.t)).round() + 1.0;
+    series.len() as f64 > ON_CHANGE * rows
 }
 
 /// Whether OP and PV have a stamp in common more seldom than chance gives: a controller whose OP and PV change reports both at
@@ -170,10 +200,8 @@ const FEW_NEAR_NONE: f64 = 0.02;
 /// Whether a tag that is not at every scan leaves out what changed too little: it has no small changes. Where samples are
 /// lost, small ones are among those that are left.
 fn apart(series: &[Sample], lattice: &Lattice) -> bool {
-    let (Some(first), Some(last)) = (series.first(), series.last()) else { return false };
-    let scans = (lattice.row(last.t) - lattice.row(first.t)).round() + 1.0;
-    if series.len() as f64 > ON_CHANGE * scans {
-        return true;
+    if series.is_empty() || at_every_row(series, lattice) {
+        return !series.is_empty();
     }
     let sizes: Vec<f64> = series.windows(2).map(|w| (w[1].value - w[0].value).abs()).collect();
     let limit = NEAR_NONE * median(&sizes);

@@ -14,7 +14,7 @@ mod scan;
 pub use late::{Answer, answer};
 pub use lattice::period;
 pub use limits::ReadingLimits;
-pub use place::{Apart, Placed};
+pub use place::{Apart, Carried, Placed};
 
 use super::history_kind::{HistoryFound, HistoryKind};
 use crate::signal::Sample;

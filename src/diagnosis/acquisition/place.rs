@@ -1,6 +1,6 @@
 //! On which rows the samples of a record lie.
 
-use super::lattice::{Lattice, period, reports_changes};
+use super::lattice::{Lattice, period, reports_changes, scan_of_steps};
 use super::limits::ReadingLimits;
 use super::scan::Scan;
 use crate::signal::Sample;
@@ -26,6 +26,26 @@ impl Apart {
     /// fast poll are near each other in a row of many polls.
     pub fn is_too_far(&self, decimation: usize, limits: ReadingLimits) -> bool {
         self.rows >= limits.apart * decimation.max(1) as f64
+    }
+}
+
+/// Rows of a given period that are closer than the samples of PV, so that one reading fills several.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Carried {
+    /// Period of the rows (s).
+    pub ts: f64,
+    /// Interval at which PV was read (s).
+    pub pv_s: f64,
+    /// The longer of the intervals at which OP and PV were read (s).
+    pub samples_s: f64,
+}
+
+impl Carried {
+    /// Whether too many fitted rows, each of so many, repeat a reading: rows that each have a reading of their own are evidence,
+    /// whatever the others are.
+    pub fn is_too_much(&self, decimation: usize, limits: ReadingLimits) -> bool {
+        let share = 1.0 - decimation.max(1) as f64 * self.ts / self.pv_s;
+        share > limits.most_read_apart
     }
 }
 
@@ -102,15 +122,23 @@ impl Placed {
         period(kept).is_some_and(|own| own > (1.0 + OWN_PERIOD) * self.rows.period)
     }
 
-    /// The longer of the intervals at which OP and PV were read (s), where the rows are closer than PV was read: between two
-    /// readings of a tag nothing is known of it, unless only its changes are reported.
-    pub fn coarser_readings(&self, op: &[Sample], pv: &[Sample]) -> Option<f64> {
+    /// The intervals at which OP and PV were read, where the rows are closer than PV was read: between two readings of a tag
+    /// nothing is known of it, unless only its changes are reported.
+    pub fn coarser_readings(&self, op: &[Sample], pv: &[Sample]) -> Option<Carried> {
+        let scans = self.scans(op, pv);
         let carried = |way: Way, kept: &[Sample]| {
             let held = matches!(way, Way::Held(longest) if longest.is_finite());
-            period(kept).filter(|_| held && !reports_changes(kept, &self.rows, self.limits))
+            period(kept).filter(|_| held && !reports_changes(kept, &scans, self.limits))
         };
-        let of_pv = carried(self.pv, pv)?;
-        Some(carried(self.op, op).map_or(of_pv, |of_op| of_op.max(of_pv)))
+        let pv_s = carried(self.pv, pv)?;
+        let samples_s = carried(self.op, op).map_or(pv_s, |of_op| of_op.max(pv_s));
+        Some(Carried { ts: self.rows.period, pv_s, samples_s })
+    }
+
+    /// The rows, or the scans that stamps show where rows of a given period are closer.
+    fn scans(&self, op: &[Sample], pv: &[Sample]) -> Lattice {
+        let shown = scan_of_steps(op, pv, self.limits);
+        Lattice { period: shown.map_or(self.rows.period, |scan| scan.max(self.rows.period)), ..self.rows }
     }
 
     fn placed(&self, way: Way, kept: &[Sample], from: i64, n: usize) -> Vec<Option<f64>> {
@@ -133,7 +161,7 @@ impl Placed {
         if on_ticks || (self.of_one_scan && each_is_read) {
             return Apart::default();
         }
-        let period = self.rows.period;
+        let (period, scans) = (self.rows.period, self.scans(op, pv));
         let row = |k: usize| self.rows.time(from as f64 + k as f64);
         // A tag that is recorded so many rows late was read so much before its stamp.
         let read = |way: Way, kept: &[Sample], late: usize| -> Vec<Option<f64>> {
@@ -141,7 +169,7 @@ impl Placed {
             let stamps: Vec<Sample> = kept.iter().map(|s| Sample { value: s.t - before, ..*s }).collect();
             let placed = self.placed(way, &stamps, from + late as i64, n).into_iter().enumerate();
             // What is reported when it changes is known at every row.
-            let known = matches!(way, Way::Held(_)) && reports_changes(kept, &self.rows, self.limits);
+            let known = matches!(way, Way::Held(_)) && reports_changes(kept, &scans, self.limits);
             placed.map(|(k, t)| if known { t.map(|_| row(k)) } else { t }).collect()
         };
         let (op, pv) = (read(self.op, op, 0), read(self.pv, pv, self.pv_late));

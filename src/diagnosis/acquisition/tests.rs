@@ -195,7 +195,7 @@ fn rows_that_are_closer_than_readings_are_told_with_the_interval_of_the_readings
     };
     let coarser = |op: &[Sample], pv: &[Sample], ts: f64| {
         let (_, placed) = recognised(op, pv, Some(ts)).expect("a period is given");
-        placed.coarser_readings(op, pv)
+        placed.coarser_readings(op, pv).map(|carried| carried.samples_s)
     };
     let (one, two, five) = (every(1), every(2), every(5));
     // A whole number of rows from reading to reading or not, whatever the ramp looks like.
@@ -212,7 +212,14 @@ fn rows_that_are_closer_than_readings_are_told_with_the_interval_of_the_readings
     // Without a sample, a tag whose changes alone are reported has not changed.
     let changes: Vec<Sample> =
         (0..900).filter(|k| matches!(k % 7, 0 | 3 | 5)).map(|k| Sample::good(k as f64, k as f64)).collect();
-    assert_eq!(coarser(&changes, &changes, 1.0), None);
+    // The scan of its stamps stays what it was, however many rows are asked for in it.
+    let most: Vec<Sample> =
+        (0..900).filter(|k| k % 5 != 3).map(|k| Sample::good(k as f64, k as f64)).collect();
+    for ts in [0.1, 0.25, 1.0 / 3.0, 0.5, 1.0] {
+        assert_eq!((coarser(&changes, &changes, ts), coarser(&most, &most, ts)), (None, None), "{ts}");
+    }
+    // Read at every second scan of the other, it may have changed in between.
+    assert_eq!(coarser(&one, &two, 0.5), Some(2.0));
 }
 
 #[test]

@@ -60,12 +60,8 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
     }
     let ts = placed.rows.period;
     preparation.acquisition = Some(Box::new(acquired));
-    // A reading that several rows repeat would count as several.
-    if let Some(asked) = settings.ts
-        && let Some(samples_s) = placed.coarser_readings(&op.kept, &pv.kept)
-    {
-        return stop(NotIdentifiable::TsTooShort { ts: asked, samples_s }, &preparation);
-    }
+    // A reading that several rows repeat would count as several, unless one fitted row has them all.
+    preparation.carried = settings.ts.and_then(|_| placed.coarser_readings(&op.kept, &pv.kept));
     let stretches = match stretches_of(record, &placed, &op.kept, &pv.kept, need) {
         Ok(stretches) => stretches,
         Err(reason) => return stop(reason, &preparation),
@@ -80,7 +76,7 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
     let rows = placed.row_of(to) - placed.row_of(from) + 1.0;
     let most = (MOST_POINTS * (op.kept.len() + pv.kept.len())) as f64;
     if rows.is_nan() || rows > most {
-        return stop(NotIdentifiable::Gaps { share: 1.0 }, &preparation);
+        return stop(preparation.too_close().unwrap_or(NotIdentifiable::Gaps { share: 1.0 }), &preparation);
     }
     let there = (within(&op.kept, from, to), within(&pv.kept, from, to));
     let (first, rows) = (placed.row_of(from) as i64, rows.max(0.0) as usize);

@@ -1,6 +1,7 @@
 //! The gate on records of known flaws.
 
 use super::*;
+use crate::diagnosis::prepare::prepare;
 use crate::signal::{BadReason, Quality, Row};
 
 fn wave(n: usize, ts: f64) -> Record {
@@ -106,9 +107,17 @@ fn tags_that_are_read_apart_are_told() {
 #[test]
 fn a_sample_period_below_that_of_the_samples_is_told_with_both() {
     let record = wave(600, 2.0);
-    let with = |record: &Record, ts: f64| gate(record, &Settings { ts: Some(ts), ..Settings::default() });
+    let with = |record: &Record, ts: f64| -> Gated {
+        let settings = Settings { ts: Some(ts), ..Settings::default() };
+        let (window, mut p) = gate(record, &settings)?;
+        let (window, _) = prepare(window, &settings, &mut p);
+        match p.too_close() {
+            Some(reason) => Err(Box::new((reason, p))),
+            None => Ok((window, p)),
+        }
+    };
     // Also where there would be so many rows that hardly any has a sample.
-    for ts in [0.01, 0.7, 1.0, 1.6] {
+    for ts in [0.01, 0.7, 1.0, 1.4] {
         let (reason, p) = *with(&record, ts).expect_err("refused");
         assert_eq!(reason, NotIdentifiable::TsTooShort { ts, samples_s: 2.0 });
         assert!(reason.to_string().contains(&format!("rows every {ts} s")), "{reason}");
@@ -119,6 +128,13 @@ fn a_sample_period_below_that_of_the_samples_is_told_with_both() {
         let (w, p) = with(&wave(900, 2.0), ts).expect("passes");
         assert_eq!((w.ts, p.apart()), (ts, None));
     }
+    // Where hardly a row repeats a reading, or a fitted row has several readings, the others decide.
+    for ts in [1.6, 1.8] {
+        assert!(with(&record, ts).is_ok(), "{ts}");
+    }
+    let (_, mut p) = *with(&record, 1.0).expect_err("refused");
+    p.decimation = 8;
+    assert_eq!(p.too_close(), None);
     // The slower of both says what to set.
     let mut slower = wave(1200, 1.0);
     slower.op.retain(|s| s.t % 5.0 == 0.0);

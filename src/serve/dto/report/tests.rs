@@ -27,6 +27,7 @@ fn sticky(op: Vec<f64>) -> Diagnosis {
             })),
             worst_skew: 0.0,
             read_apart: Apart::default(),
+            carried: None,
             reading: ReadingLimits::default(),
             duplicates: 0,
             out_of_order: 0,
