@@ -26,6 +26,7 @@ use sha2::{Digest, Sha256};
 use std::fmt::Write as _;
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, Seek, SeekFrom, Write};
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
 /// The hash before the very first line.
@@ -210,7 +211,11 @@ impl Log {
 
 fn hash(before: &str, body: &str) -> String {
     let digest = Sha256::new().chain_update(before).chain_update(body).finalize();
-    digest.iter().map(|byte| format!("{byte:02x}")).collect()
+    hex(digest.iter())
+}
+
+fn hex<'a>(bytes: impl Iterator<Item = &'a u8>) -> String {
+    bytes.map(|byte| format!("{byte:02x}")).collect()
 }
 
 fn rotated(path: &Path, k: usize) -> PathBuf {
@@ -231,11 +236,22 @@ fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
 fn open_head(path: &Path) -> Result<File, AuditError> {
     let head_path = head_path(path);
     let io = |source| AuditError::Io { path: head_path.clone(), source };
-    let head = OpenOptions::new().write(true).create(true).truncate(false).open(&head_path).map_err(io)?;
+    let head = open_own(OpenOptions::new().read(true).write(true).create(true).truncate(false), &head_path);
+    let head = head.map_err(io)?;
     match head.try_lock() {
         Ok(()) => Ok(head),
         Err(TryLockError::WouldBlock) => Err(AuditError::InUse(path.to_path_buf())),
         Err(TryLockError::Error(source)) => Err(io(source)),
+    }
+}
+
+/// Opens a file and follows no link: root may work in a folder where another user decides what a name stands for.
+fn open_own(options: &mut OpenOptions, path: &Path) -> io::Result<File> {
+    // What is no file must not keep whoever opens it waiting.
+    let file = options.custom_flags(libc::O_NOFOLLOW | libc::O_NONBLOCK).open(path)?;
+    match file.metadata()?.is_file() {
+        true => Ok(file),
+        false => Err(io::Error::other("it is no file; move it away")),
     }
 }
 

@@ -240,6 +240,24 @@ impl Book {
         self.users.iter().map(|user| &user.roles).chain(tokens).any(|roles| roles.may(role))
     }
 
+    /// This book without what it gives more than the one in force: nobody and no token comes in who does not now, or may do more, or
+    /// for longer. A user with another password can log in by neither of the two.
+    pub fn no_more_than(&self, in_force: &Self) -> Self {
+        let user = |own: &User| {
+            let before = in_force.user(&own.name).filter(|before| before.password == own.password)?;
+            Some(User { roles: own.roles.common(&before.roles), ..own.clone() })
+        };
+        let token = |own: &Token| {
+            let before = in_force.token_of(&own.id, &own.hash)?;
+            let expires = own.expires.min(before.expires);
+            Some(Token { roles: own.roles.common(&before.roles), expires, ..own.clone() })
+        };
+        Self {
+            users: self.users.iter().filter_map(user).filter(|user| !user.roles.is_empty()).collect(),
+            tokens: self.tokens.iter().filter_map(token).filter(|token| !token.roles.is_empty()).collect(),
+        }
+    }
+
     /// What another book has that this one has not, and the other way round, for the audit log.
     pub fn differences(&self, other: &Book) -> Vec<String> {
         let mut found = Vec::new();
@@ -336,6 +354,42 @@ mod tests {
         assert!(book.has(Role::Operator, 0.0) && !book.has(Role::Engineer, 0.0));
         assert_eq!(book.remove_user("m.keller"), Ok(()));
         assert!(matches!(book.remove_user("m.keller"), Err(BookError::Unknown(..))));
+    }
+
+    #[test]
+    fn no_more_than_another_book_leaves_out_what_is_gained_and_keeps_what_is_taken() {
+        let [operator, engineer, approver] =
+            [Role::Operator, Role::Engineer, Role::Approver].map(|role| Roles::of(&[role]));
+        let mut old = Book::default();
+        for (name, roles) in
+            [("gone", &engineer), ("less", &engineer), ("more", &operator), ("other", &engineer)]
+        {
+            old.add_user(name, roles.clone(), password("a")).expect("added");
+        }
+        old.add_user("word", engineer.clone(), password("a")).expect("added");
+        old.create_token("t", engineer.clone(), (0.0, 100.0), [1; 38]).expect("made");
+        let mut new = old.clone();
+        new.remove_user("gone").expect("there");
+        new.change_user("less", Some(operator.clone()), None).expect("there");
+        new.change_user("more", Some(engineer.clone()), None).expect("there");
+        new.change_user("other", Some(approver), None).expect("there");
+        new.change_user("word", None, Some(password("b"))).expect("there");
+        new.add_user("new", viewer(), password("a")).expect("added");
+        new.rotate_token("t", (50.0, 200.0), 60.0, [2; 38]).expect("made");
+        let taken = new.no_more_than(&old);
+        let names: Vec<&str> = taken.users.iter().map(|user| user.name.as_str()).collect();
+        assert_eq!(names, ["less", "more", "other"]);
+        assert_eq!(taken.user("less").expect("there").roles, operator);
+        assert_eq!(taken.user("more").expect("there").stamp(), old.user("more").expect("there").stamp());
+        let other = &taken.user("other").expect("there").roles;
+        assert!(other.may(Role::Operator) && !other.may(Role::Engineer) && !other.may(Role::Approver));
+        assert_eq!(taken.tokens.iter().map(|token| token.expires).collect::<Vec<_>>(), [60.0]);
+        new.tokens[0].expires = 500.0;
+        new.tokens[0].roles = Roles::of(&Role::ALL);
+        let taken = new.no_more_than(&old);
+        let kept = &taken.tokens[0];
+        assert_eq!((kept.expires, &kept.roles), (100.0, &engineer));
+        assert_eq!(old.no_more_than(&old), old);
     }
 
     #[test]

@@ -79,6 +79,17 @@ impl Roles {
         self.0.iter().copied()
     }
 
+    /// What both of two may do.
+    pub fn common(&self, other: &Self) -> Self {
+        if self.iter().all(|role| other.may(role)) {
+            return self.clone();
+        }
+        if other.iter().all(|role| self.may(role)) {
+            return other.clone();
+        }
+        Self(Role::ALL.into_iter().filter(|&role| self.may(role) && other.may(role)).collect())
+    }
+
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()

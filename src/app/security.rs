@@ -31,6 +31,8 @@ struct Seen {
     version: Option<Version>,
     /// It was said that the file is not there any more.
     gone: bool,
+    /// What it adds waits for an audit log that works.
+    waits: bool,
 }
 
 impl Security {
@@ -98,7 +100,8 @@ impl Security {
         }
     }
 
-    /// Takes the book when it is another; when it cannot be read says so once.
+    /// Takes the book when it is another; when it cannot be read says so once. While there is an audit log that does not work, it takes
+    /// what is removed and reduced only: what is added waits until it can be put on record.
     fn look_again(&self, anyway: bool) -> Result<(), AppError> {
         let Some(access) = &self.access else { return Ok(()) };
         let now = file::version(access.file());
@@ -109,24 +112,43 @@ impl Security {
             let path = access.file().display();
             tracing::warn!("{path} is not there, or cannot be reached: users and tokens stay as they were");
         }
-        if seen.version == now && !anyway {
+        let fault = self.audit.as_ref().and_then(|audit| audit.fault());
+        if seen.version == now && !anyway && (!seen.waits || fault.is_some()) {
             return Ok(());
         }
         let Some(book) = read(access.file(), now, seen.version)? else { return Ok(()) };
         // Only now: one that could not be read is read again.
         seen.version = now;
         tracing::info!(users = book.users.len(), tokens = book.tokens.len(), "users and tokens read again");
-        for what in access.book().differences(&book) {
-            tracing::info!(what, "who may come in has changed");
+        let in_force = access.book();
+        let mut taken = if fault.is_some() { book.no_more_than(&in_force) } else { book.clone() };
+        if !self.put_on_record(in_force.differences(&taken)) {
             // A token that is revoked ends all the same.
+            taken = taken.no_more_than(&in_force);
+        }
+        seen.waits = taken != book;
+        if seen.waits {
+            for what in taken.differences(&book) {
+                tracing::warn!(what, "this change of who may come in waits for an audit log that works");
+            }
+        }
+        access.replace(taken);
+        Ok(())
+    }
+
+    /// Puts changes of who may come in on record; false when one of them cannot be.
+    fn put_on_record(&self, changes: Vec<String>) -> bool {
+        let mut all = true;
+        for what in changes {
+            tracing::info!(what, "who may come in has changed");
             if let Some(audit) = &self.audit
                 && !audit.put(self.clock.now(), "access", vec![("what", what.clone())])
             {
                 tracing::error!(what, "this change of who may come in is not on record");
+                all = false;
             }
         }
-        access.replace(book);
-        Ok(())
+        all
     }
 }
 
@@ -196,6 +218,40 @@ mod tests {
         assert!(!security.seen().gone, "it is said again when it happens again");
         add(&path, "kb");
         assert_eq!(look(false), 2);
+        fs::remove_dir_all(&folder).expect("removed");
+    }
+
+    #[test]
+    fn nobody_comes_in_anew_while_the_audit_log_is_damaged() {
+        let folder = std::env::temp_dir().join(format!("stictiond-book-log-{}", std::process::id()));
+        let _ = fs::remove_dir_all(&folder);
+        fs::create_dir_all(&folder).expect("writable");
+        let (path, log) = (folder.join("users.json"), folder.join("audit.log"));
+        ["jw", "kb"].iter().for_each(|name| add(&path, name));
+        fs::write(&log, "no entry\n").expect("written");
+        let text = |path: &Path| format!("file = {path:?}");
+        let access = toml::from_str(&text(&path)).expect("it is right");
+        let audit = toml::from_str(&text(&log)).expect("it is right");
+        let config = Config { access: Some(access), audit: Some(audit), ..Config::default() };
+        let security = Security::new(&config, Clock::wall(), None).expect("it begins all the same");
+        let names = || -> Vec<String> {
+            let book = security.access.as_ref().expect("there is a log-in").book();
+            book.users.iter().map(|user| user.name.clone()).collect()
+        };
+        assert_eq!(names(), ["jw", "kb"]);
+        add(&path, "new");
+        let removed = file::change(&path, |book| {
+            book.remove_user("jw").expect("there");
+            Ok::<_, FileError>(())
+        });
+        removed.expect("written");
+        for reload in [false, true, false] {
+            let looked = if reload { security.reload() } else { security.look_again(false) };
+            looked.expect("it goes on");
+            assert_eq!(names(), ["kb"]);
+            assert!(security.seen().waits);
+        }
+        drop(security);
         fs::remove_dir_all(&folder).expect("removed");
     }
 

@@ -281,6 +281,14 @@ fn a_damaged_log_is_put_aside_whole_and_the_new_one_says_so() {
     assert_eq!((verified.files, verified.first, verified.last.n, verified.has_head), (1, 1, 2, true));
     let text = fs::read_to_string(folder.log()).expect("text");
     assert!(text.contains(" renewed damage=\"audit log ") && text.contains("audit.log.damaged-1"), "{text}");
+    let old = files(&renewed.aside);
+    let head = old.iter().find(|(name, _)| name == "audit.log.head").expect("copied");
+    let head = String::from_utf8_lossy(&head.1).trim_end().to_string();
+    assert!(head.len() == 85 && text.contains(&format!(" head=\"{head}\"")), "{text}");
+    let hashes = old.iter().filter(|(name, _)| name != "audit.log.head");
+    let hashes: Vec<String> =
+        hashes.map(|(name, bytes)| format!("{name}={}", hex(Sha256::digest(bytes).iter()))).collect();
+    assert!(text.contains(&format!(" sha256=\"{}\"", hashes.join(" "))), "{text}");
     let left: Vec<String> = files(&folder.0).into_iter().map(|(name, _)| name).collect();
     assert_eq!(
         left,
@@ -305,4 +313,41 @@ fn a_renewal_that_is_broken_off_leaves_a_log_that_is_damaged() {
     let again = renew(&folder.log(), NOW).expect("renewed").expect("it was damaged");
     assert_ne!(again.aside, renewed.aside);
     verify(&folder.log()).expect("whole");
+}
+
+#[test]
+fn a_log_that_is_being_renewed_is_damaged_whatever_its_head_was() {
+    let folder = Folder::new();
+    // As where nothing was ever synchronised and all files are moved: an empty head alone would count as new.
+    for old in [String::new(), format!("{:020} {GENESIS}\n", 7)] {
+        fs::write(head_path(&folder.log()), &old).expect("written");
+        let mut head = open_head(&folder.log()).expect("there");
+        renew::mark(&mut head).expect("written");
+        drop(head);
+        let error = Log::open(&folder.log(), WIDE, NOW).expect_err("damaged").to_string();
+        assert!(error.contains("a renewal was broken off"), "{error}");
+        let marked = fs::read_to_string(head_path(&folder.log())).expect("there");
+        assert_eq!(marked.get(8..), Some(old.get(8..).unwrap_or_default()), "the number is kept");
+        renew(&folder.log(), NOW).expect("renewed").expect("it was damaged");
+        assert_eq!(verify(&folder.log()).expect("whole").last.n, 2);
+        fs::remove_file(folder.log()).expect("there");
+    }
+}
+
+#[test]
+fn no_link_is_followed_in_the_place_of_the_head() {
+    let folder = Folder::new();
+    rotten(&folder);
+    let other = folder.0.join("other");
+    fs::write(&other, "of somebody else").expect("written");
+    fs::remove_file(head_path(&folder.log())).expect("there");
+    std::os::unix::fs::symlink(&other, head_path(&folder.log())).expect("linked");
+    let before = files(&folder.0);
+    assert!(matches!(renew(&folder.log(), NOW), Err(AuditError::Io { .. })));
+    assert!(matches!(Log::open(&folder.log(), WIDE, NOW), Err(AuditError::Io { .. })));
+    assert_eq!(files(&folder.0), before);
+    // A folder is no file either.
+    fs::remove_file(head_path(&folder.log())).expect("there");
+    fs::create_dir(head_path(&folder.log())).expect("made");
+    assert!(matches!(renew(&folder.log(), NOW), Err(AuditError::Io { .. })));
 }

@@ -1,5 +1,6 @@
 //! Reads a log again and finds the first line that cannot be what was written.
 
+use super::renew::RENEWING;
 use super::{Entry, GENESIS, genesis, has_lines, hash, head_path, rotated};
 use std::fmt;
 use std::fs;
@@ -100,6 +101,10 @@ impl Head {
         // Empty: begun and never synchronised.
         if text.is_empty() {
             return Ok(None);
+        }
+        if text.starts_with(RENEWING) {
+            let what = "a renewal was broken off; what it put aside is in the folders beside the log";
+            return Err(broken(what.to_string()));
         }
         let parts = text.strip_suffix('\n').and_then(|line| line.split_once(' '));
         let entry = parts.and_then(|(n, hash)| Some(Entry { n: n.parse().ok()?, hash: hash.to_string() }));

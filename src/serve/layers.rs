@@ -5,7 +5,7 @@ use super::guard::guard;
 use super::names::own_names;
 use super::problem::{PROBLEM_JSON, Problem};
 use axum::Router;
-use axum::extract::{DefaultBodyLimit, Request};
+use axum::extract::{DefaultBodyLimit, MatchedPath, Request};
 use axum::http::{HeaderName, HeaderValue, header};
 use axum::middleware::{Next, from_fn, from_fn_with_state, map_response};
 use axum::response::{IntoResponse, Response};
@@ -20,7 +20,7 @@ use tower_http::limit::RequestBodyLimitLayer;
 pub fn wrap(routes: Router, context: &Arc<Context>) -> Router {
     let config = &context.config;
     let secure = config.tls.is_some();
-    let slots = Arc::new(Semaphore::new(config.max_requests));
+    let slots = Arc::new(Slots::new(config.max_requests));
     let timeout = Duration::try_from_secs_f64(config.request_timeout_s).unwrap_or(Duration::MAX);
     routes
         .layer(DefaultBodyLimit::max(config.max_body_bytes))
@@ -42,11 +42,47 @@ tokio::task_local! {
 /// Whether the process lives: who asks that must not take a daemon that is busy for one that is dead.
 const ALIVE: [&str; 2] = ["/healthz", "/api/v1/healthz"];
 
+/// Requests of one kind that have slots of their own, at the same time: more than people and monitors ask at once, and little work.
+const OWN_SLOTS: usize = 8;
+
+/// Slots of requests. Work that hangs keeps its slot without end, so what must be answered all the same has slots of its own.
+struct Slots {
+    /// To take a term of write-back back: nothing else may keep it waiting, not even log-ins.
+    withdrawals: Arc<Semaphore>,
+    /// To log in, which whoever wants to do anything about it needs.
+    sessions: Arc<Semaphore>,
+    /// To see what is wrong.
+    monitors: Arc<Semaphore>,
+    /// For everything else.
+    others: Arc<Semaphore>,
+}
+
+impl Slots {
+    fn new(others: usize) -> Self {
+        let [withdrawals, sessions, monitors, others] =
+            [OWN_SLOTS, OWN_SLOTS, OWN_SLOTS, others].map(|count| Arc::new(Semaphore::new(count)));
+        Self { withdrawals, sessions, monitors, others }
+    }
+
+    /// The slots for a path, of a route as the router knows it.
+    fn of(&self, route: &str) -> Arc<Semaphore> {
+        let path = route.strip_prefix("/api/v1").unwrap_or(route);
+        let slots = match path {
+            "/loops/{id}/writeback/withdraw" => &self.withdrawals,
+            "/session" => &self.sessions,
+            "/readyz" | "/metrics" => &self.monitors,
+            _ => &self.others,
+        };
+        slots.clone()
+    }
+}
+
 /// Refuses what is too much at once, and gives up on what takes too long. A stream counts until it begins.
-async fn bounded(slots: Arc<Semaphore>, timeout: Duration, request: Request, next: Next) -> Response {
+async fn bounded(slots: Arc<Slots>, timeout: Duration, request: Request, next: Next) -> Response {
     if ALIVE.contains(&request.uri().path()) {
         return next.run(request).await;
     }
+    let slots = slots.of(request.extensions().get::<MatchedPath>().map_or("", MatchedPath::as_str));
     within(slots, timeout, next.run(request)).await
 }
 
@@ -119,6 +155,26 @@ async fn with_headers(secure: bool, mut response: Response) -> Response {
 mod tests {
     use super::*;
     use axum::http::StatusCode;
+
+    #[test]
+    fn a_term_is_taken_back_and_the_daemon_is_seen_while_everything_else_hangs() {
+        let slots = Slots::new(1);
+        let _hanging = slots.of("/api/v1/loops/{id}/samples").try_acquire_owned().expect("one slot");
+        for other in ["/api/v1/loops", "/api/v1/loops/{id}/writeback/grant", "/index.html", ""] {
+            assert_eq!(slots.of(other).available_permits(), 0, "{other}");
+        }
+        let withdraw = "/api/v1/loops/{id}/writeback/withdraw";
+        let own = [withdraw, "/api/v1/session", "/readyz", "/api/v1/metrics"];
+        assert!(own.iter().all(|path| slots.of(path).available_permits() == OWN_SLOTS));
+        let sessions = slots.of("/api/v1/session");
+        let _all = sessions.try_acquire_many_owned(OWN_SLOTS as u32).expect("all of them");
+        assert_eq!(slots.of("/api/v1/session").available_permits(), 0);
+        assert_eq!(slots.of(withdraw).available_permits(), OWN_SLOTS, "log-ins keep nobody from it");
+        // The routes are those of the table.
+        for path in ["/loops/{id}/writeback/withdraw", "/session", "/readyz", "/metrics"] {
+            assert!(super::super::policy::RULES.iter().any(|(_, known, _)| *known == path), "{path}");
+        }
+    }
 
     #[tokio::test]
     async fn work_that_goes_on_after_its_time_keeps_its_slot() {

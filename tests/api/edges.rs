@@ -229,6 +229,9 @@ async fn requests_are_bounded_in_number_and_time() {
     assert_eq!(assert_problem(&refused, 503)["type"], "urn:stictiond:problem:too_many_requests");
     // Who asks whether it lives would start a busy daemon again.
     assert_eq!(get(rig.address, "/healthz").await.status, 200);
+    // Who looks at why it is busy, and who logs in for that, have slots of their own.
+    assert_eq!(get(rig.address, "/metrics").await.status, 200);
+    assert_eq!(get(rig.address, "/api/v1/session").await.status, 200);
     assert_eq!(refused.header("retry-after"), Some("1"));
     let late = slow.await.expect("answered");
     assert_eq!(assert_problem(&late, 503)["type"], "urn:stictiond:problem:timeout");

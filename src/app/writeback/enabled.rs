@@ -28,6 +28,8 @@ pub(in crate::app) struct WritebackControl {
     /// The book of users and tokens, where there is a log-in; as it was at the start, because `[access]` is not reloaded.
     book: Option<PathBuf>,
     recorder: RwLock<Option<Arc<Recorder>>>,
+    /// Held while the audit log is opened: a log has one writer.
+    opening: Mutex<()>,
     current: RwLock<Option<Arc<Writeback>>>,
     read: Mutex<HashMap<LoopId, Read>>,
 }
@@ -51,6 +53,7 @@ impl WritebackControl {
             results: results.clone(),
             book: config.access.as_ref().map(|own| own.file.clone()),
             recorder: RwLock::default(),
+            opening: Mutex::default(),
             current: RwLock::default(),
             read: Mutex::default(),
         };
@@ -59,14 +62,16 @@ impl WritebackControl {
     }
 
     fn open(&self, config: &Config) -> Result<(), AppError> {
-        let mut recorder = self.recorder.write().unwrap_or_else(PoisonError::into_inner);
+        let _opening = self.opening.lock().unwrap_or_else(PoisonError::into_inner);
         let enabled = config.loops.iter().any(|own| own.writeback.as_ref().is_some_and(|own| own.enabled));
-        if let (true, None, Some(path)) = (enabled, recorder.as_ref(), &config.writeback.audit_file) {
+        if let (true, None, Some(path)) = (enabled, self.recorder(), &config.writeback.audit_file) {
             let bounds = crate::audit::Bounds {
                 max_bytes: config.writeback.audit_max_bytes,
                 keep_files: config.writeback.audit_keep_files,
             };
-            *recorder = Some(Arc::new(Recorder::start(path, bounds, self.clock.now())?));
+            // All files of the log are verified: meanwhile whoever asks for it must not wait.
+            let opened = Arc::new(Recorder::start(path, bounds, self.clock.now())?);
+            *self.recorder.write().unwrap_or_else(PoisonError::into_inner) = Some(opened);
         }
         Ok(())
     }

@@ -17,6 +17,7 @@ fn control(results: &Arc<Results>) -> WritebackControl {
         book: None,
         recorder: RwLock::default(),
         current: RwLock::default(),
+        opening: Mutex::default(),
         read: Mutex::default(),
     }
 }
