@@ -220,17 +220,9 @@ impl Counting {
                     if rows.row_name() == "line" {
                         too_many(rows, layout, line, &first)?;
                     }
-                    let mut moved = false;
-                    for (at, before) in &mut self.moving {
-                        let cell = rows.cell(*at);
-                        if !cell.is_blank() {
-                            let shown = cell.shown();
-                            moved |= !before.is_empty() && *before != shown;
-                            *before = shown;
-                        }
-                    }
                     if layout.millis.is_none() {
-                        self.groups.add(&first, second.as_ref(), moved);
+                        let moving = &mut self.moving;
+                        self.groups.add(&first, second.as_ref(), |is_first| moves(moving, rows, is_first));
                     }
                     self.rests.add(rows);
                     let mode = self.mode_at.and_then(|at| two_state(&word(&rows.cell(at))));
@@ -411,4 +403,21 @@ impl Counting {
             unused,
         })
     }
+}
+
+/// Whether a row has other values than those before it under its stamp, in these columns with their last values.
+fn moves(columns: &mut [(usize, String)], rows: &dyn Rows, is_first: bool) -> bool {
+    let mut moved = false;
+    for (at, before) in columns {
+        if is_first {
+            before.clear();
+        }
+        let cell = rows.cell(*at);
+        if !cell.is_blank() {
+            let shown = cell.shown();
+            moved |= !before.is_empty() && *before != shown;
+            *before = shown;
+        }
+    }
+    moved
 }

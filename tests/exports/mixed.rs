@@ -178,6 +178,8 @@ fn parts_of_one_record_and_two_hosts_at_the_same_times_are_one_loop() {
         sorted.op.sort_by(|a, b| a.t.total_cmp(&b.t));
         sorted.pv.sort_by(|a, b| a.t.total_cmp(&b.t));
         assert!(bits(&sorted) == bits(&example()), "{what}: {}", read.found.read_as);
+        let at_one_time = sorted.op.iter().zip(&sorted.pv).all(|(op, pv)| op.t == pv.t);
+        assert!(at_one_time, "{what}: {}", read.found.read_as);
     };
     // The newest part first, each in the order of its times.
     let part = |at: usize| rows.iter().skip(400 * at).take(400);

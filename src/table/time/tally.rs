@@ -429,15 +429,18 @@ const FEW_ROWS: u64 = 20;
 const FIRST_GROUPS: usize = 1 << 12;
 
 impl Groups {
-    /// One more row; `moved` is whether its values are others than those of the row before.
-    pub fn add(&mut self, first: &Cell<'_>, second: Option<&Cell<'_>>, moved: bool) {
+    /// One more row. `moves` says whether its values are others than those of the rows before under its stamp; it is told whether the
+    /// row is the first of its stamp.
+    pub fn add(&mut self, first: &Cell<'_>, second: Option<&Cell<'_>>, moves: impl FnOnce(bool) -> bool) {
         if self.given_up {
             return;
         }
         let text = both(first, second);
         self.rows += 1;
+        let is_first = self.sizes.is_empty() || text != self.before;
+        let moved = moves(is_first);
         match self.sizes.last_mut() {
-            Some(size) if text == self.before => {
+            Some(size) if !is_first => {
                 *size += 1;
                 self.repeated += 1;
                 self.moved += u64::from(moved);
