@@ -129,7 +129,11 @@ async fn what_is_given_again_comes_in_its_order_and_in_portions() {
     let (mut came, mut portions, begun) = (Vec::new(), 0, Instant::now());
     while came.len() < messages.len() {
         assert!(begun.elapsed() < PATIENCE, "{came:?} came");
-        let some = second.next(256, Duration::from_secs(1)).await.expect("the connection stands");
+        // A server whose disk is busy says nothing for seconds: then the reading is over, and the next one has the rest.
+        let Ok(some) = second.next(256, Duration::from_secs(1)).await else {
+            second = link.read(EVENTS, "centre_c1", "").await.expect("the server is there");
+            continue;
+        };
         let bytes: usize = some.iter().map(|message| message.body().len()).sum();
         assert!(bytes <= HELD, "{bytes} bytes are held at once");
         portions += usize::from(!some.is_empty());
