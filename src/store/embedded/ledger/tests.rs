@@ -25,22 +25,28 @@ fn acknowledged(store: &Folder) -> Vec<u8> {
     fs::read(store.0.join(ACKNOWLEDGED)).expect("there")
 }
 
-/// Somebody reads what was there before the log was carried over. So it cannot be cut, and what comes next goes behind it.
-#[test]
-fn what_goes_behind_a_log_that_was_carried_over_is_not_cut_away_with_it() {
-    let (folder, op) = (Folder::new(), tag("A", "op"));
+/// A store whose log was carried over while somebody reads what was there before, and that reader. So the log could not be cut.
+fn carried_over_under_a_reader(folder: &Folder) -> (Store, Connection) {
     let mut store = Store::open(&folder.config()).expect("opens");
-    store.write(&batch(&op, good(0..10))).expect("writes");
+    store.write(&batch(&tag("A", "op"), good(0..10))).expect("writes");
     let path = folder.0.join(DATABASE);
     let reader = Connection::open_with_flags(path, OpenFlags::SQLITE_OPEN_READ_ONLY).expect("opens");
     reader.execute_batch("BEGIN").expect("begins");
     let tags: i64 = reader.query_row("SELECT count(*) FROM tags", [], |row| row.get(0)).expect("reads");
     assert_eq!(tags, 1);
-    // Nobody waits for who reads.
+    // The store does not wait for the reader.
     store.db.busy_timeout(Duration::ZERO).expect("no wait");
     store.carry_over().expect("carried over");
+    (store, reader)
+}
+
+/// Somebody reads what was there before the log was carried over. So it cannot be cut, and what comes next goes behind it.
+#[test]
+fn what_goes_behind_a_log_that_was_carried_over_is_not_cut_away_with_it() {
+    let folder = Folder::new();
+    let (mut store, reader) = carried_over_under_a_reader(&folder);
     let (length, waited_for) = (store.log_bytes(), acknowledged(&folder));
-    store.write(&batch(&op, good(10..20))).expect("writes");
+    store.write(&batch(&tag("A", "op"), good(10..20))).expect("writes");
     assert!(length > 0 && store.log_bytes() > length, "the log goes on");
     let image = cut_off(&folder, &waited_for);
     drop((reader, store));
@@ -53,16 +59,8 @@ fn what_goes_behind_a_log_that_was_carried_over_is_not_cut_away_with_it() {
 /// A part of it would turn pages back. All of it is read by somebody, who would go on behind a hole.
 #[test]
 fn of_a_log_that_was_carried_over_only_a_part_is_cut() {
-    let (folder, op) = (Folder::new(), tag("A", "op"));
-    let mut store = Store::open(&folder.config()).expect("opens");
-    store.write(&batch(&op, good(0..10))).expect("writes");
-    let path = folder.0.join(DATABASE);
-    let reader = Connection::open_with_flags(path, OpenFlags::SQLITE_OPEN_READ_ONLY).expect("opens");
-    reader.execute_batch("BEGIN").expect("begins");
-    let tags: i64 = reader.query_row("SELECT count(*) FROM tags", [], |row| row.get(0)).expect("reads");
-    assert_eq!(tags, 1);
-    store.db.busy_timeout(Duration::ZERO).expect("no wait");
-    store.carry_over().expect("carried over");
+    let folder = Folder::new();
+    let (_store, reader) = carried_over_under_a_reader(&folder);
     let image = cut_off(&folder, &acknowledged(&folder));
     let length = || fs::metadata(log_of(&image.0)).expect("there").len();
     let before = length();
