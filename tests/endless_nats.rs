@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 use stictiond::fleet::config::Config;
 use stictiond::fleet::link::{Link, LinkError, Outgoing, Reading};
 use stictiond::fleet::ops::MOST_MESSAGE;
-use stictiond::fleet::streams::{EVENTS, LATEST};
+use stictiond::fleet::streams::{DIAGNOSES, LATEST};
 use stictiond::fleet::subject::{Subject, What, all};
 
 /// Far longer than anything takes even on a busy machine.
@@ -84,7 +84,7 @@ async fn messages_come_in_their_order_however_large_and_many_they_are() {
     let messages: Vec<Outgoing> =
         sizes.iter().map(|(n, bytes)| message("FIC1", What::Diagnosis, *n, *bytes)).collect();
     link.send(&messages).await.map_err(|(_, error)| error).expect("they are kept");
-    let mut reading = link.read(EVENTS, "centre_c1", "").await.expect("the server is there");
+    let mut reading = link.read(DIAGNOSES, "centre_c1", "").await.expect("the server is there");
     assert_eq!(come(&mut reading, sizes.len()).await, sizes);
 
     // What machines say of themselves is shorter, and there may be many of them.
@@ -117,7 +117,7 @@ async fn what_is_given_again_comes_in_its_order_and_in_portions() {
     let link = connected(&config(&format!("servers = ['{}']", hub.url()))).await;
     let messages: Vec<Outgoing> = (0..30).map(|n| message("FIC1", What::Diagnosis, n, 1 << 19)).collect();
     link.send(&messages).await.map_err(|(_, error)| error).expect("they are kept");
-    let mut first = link.read(EVENTS, "centre_c1", "").await.expect("the server is there");
+    let mut first = link.read(DIAGNOSES, "centre_c1", "").await.expect("the server is there");
     let (mut given, begun) = (0, Instant::now());
     while given < messages.len() {
         assert!(begun.elapsed() < PATIENCE, "{given} came");
@@ -125,13 +125,13 @@ async fn what_is_given_again_comes_in_its_order_and_in_portions() {
     }
     drop(first);
 
-    let mut second = link.read(EVENTS, "centre_c1", "").await.expect("the server is there");
+    let mut second = link.read(DIAGNOSES, "centre_c1", "").await.expect("the server is there");
     let (mut came, mut portions, begun) = (Vec::new(), 0, Instant::now());
     while came.len() < messages.len() {
         assert!(begun.elapsed() < PATIENCE, "{came:?} came");
         // A server whose disk is busy says nothing for seconds: then the reading is over, and the next one has the rest.
         let Ok(some) = second.next(256, Duration::from_secs(1)).await else {
-            second = link.read(EVENTS, "centre_c1", "").await.expect("the server is there");
+            second = link.read(DIAGNOSES, "centre_c1", "").await.expect("the server is there");
             continue;
         };
         let bytes: usize = some.iter().map(|message| message.body().len()).sum();

@@ -6,13 +6,19 @@ mod announcing;
 mod asking;
 mod centre;
 mod certificates;
+mod claims;
 mod edge;
+mod events;
 mod forward;
+mod found;
 mod inventory;
 mod lists;
 mod order;
 mod orders;
+mod progress;
+mod server_clock;
 mod standing;
+mod states;
 mod teller;
 mod waiting;
 mod watching;
@@ -22,19 +28,22 @@ mod worker;
 use super::{App, AppError};
 use crate::config::Config;
 use crate::fleet;
-use crate::fleet::link::{Link, Outgoing};
-use crate::fleet::message::{Hello, Pulse};
+use crate::fleet::link::{Link, LinkError, Outgoing};
+use crate::fleet::message::Pulse;
+use crate::fleet::streams::LATEST;
 use crate::fleet::subject::{NO_SITE, Subject, What};
 use crate::history::History;
 use crate::host;
 use crate::notify::Outlet;
 use crate::results::{Results, Wanted};
 use crate::schedule::{Clock, Elsewhere};
-use crate::serve::Machine;
 use asking::Asking;
+use certificates::Ends;
+use claims::{Claims, Edges};
 use prost::Message;
+use server_clock::ServerClock;
 use standing::Standing;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
@@ -42,6 +51,7 @@ use teller::Firsts;
 use tokio::sync::{RwLock, RwLockWriteGuard, mpsc, watch};
 use tokio_util::sync::CancellationToken;
 use waiting::Waiting;
+use watching::Machines;
 
 /// Orders of people that wait for the streams.
 const ORDERS: usize = 1024;
@@ -99,16 +109,19 @@ pub(super) struct Fleet {
     outlet: Outlet,
     /// Age of the oldest that waits to be forwarded (ms).
     lag_ms: AtomicU64,
+    server: Mutex<ServerClock>,
     since: f64,
     diagnosed: AtomicU64,
-    /// What edges say of themselves, by site and name.
-    edges: Mutex<BTreeMap<(String, String), Hello>>,
+    /// What edges say of themselves.
+    edges: Mutex<Edges>,
+    /// Whose loops they are, where several edges have one.
+    claims: Mutex<Claims>,
     /// Since when all that the edges of a site say is in force, on a steady clock.
     in_force: Mutex<HashMap<String, Duration>>,
     standing: Arc<Standing>,
     /// Since when the loops of the edges are in force, on a steady clock.
     known: watch::Sender<Option<Duration>>,
-    /// Number of the last message of diagnoses and alarms that was looked at.
+    /// Number of the last message of alarms that was looked at.
     looked_at: watch::Sender<u64>,
     firsts: Firsts,
     /// What people want done, on its way to the edges.
@@ -122,8 +135,9 @@ pub(super) struct Fleet {
     /// Held for reading while receivers are told, and for writing while they are replaced: who replaces them may wait long for
     /// `taking`, and people are told meanwhile.
     receivers: RwLock<()>,
-    /// Machines that were heard of, by role, site and name.
-    machines: Mutex<BTreeMap<(String, String, String), Machine>>,
+    machines: Mutex<Machines>,
+    /// Messages that were left out because their loop is not known, or is another edge's.
+    left_out: AtomicU64,
 }
 
 impl Fleet {
@@ -181,9 +195,11 @@ impl Fleet {
             scene: watch::Sender::new(Arc::new(scene)),
             outlet: Outlet::default(),
             lag_ms: AtomicU64::new(0),
+            server: Mutex::default(),
             since: clock.now(),
             diagnosed: AtomicU64::new(0),
             edges: Mutex::default(),
+            claims: Mutex::default(),
             in_force: Mutex::default(),
             standing,
             known: watch::Sender::new(None),
@@ -196,6 +212,7 @@ impl Fleet {
             taking: RwLock::default(),
             receivers: RwLock::default(),
             machines: Mutex::default(),
+            left_out: AtomicU64::new(0),
             config: own,
         })))
     }
@@ -252,7 +269,6 @@ impl Fleet {
 
     /// Says every few seconds that this machine is there.
     async fn pulse(&self, link: &Link, stop: &CancellationToken) {
-        let subject = Subject::new(&self.site, &self.name, What::Pulse).to_string();
         let (mut looked, mut ends) = (None::<Duration>, None);
         while stop.run_until_cancelled(tokio::time::sleep(PULSE)).await.is_some() {
             let scene = self.scene.borrow().clone();
@@ -260,22 +276,47 @@ impl Fleet {
             if looked.is_none_or(|then| now.saturating_sub(then) >= CERTIFICATES) {
                 (looked, ends) = (Some(now), certificates::first(&scene.config));
             }
-            let pulse = Pulse {
-                role: self.role.as_str().to_string(),
-                version: env!("CARGO_PKG_VERSION").to_string(),
-                at: self.clock.now(),
-                since: self.since,
-                lag_s: self.lag_ms.load(Relaxed) as f64 * 1e-3,
-                diagnosed: self.diagnosed.load(Relaxed),
-                loops: scene.config.loops.len() as u64,
-                certificate: ends.as_ref().map(|ends| ends.of.clone()),
-                certificate_until: ends.as_ref().map(|ends| ends.until),
-            };
-            let message = Outgoing::latest(subject.clone(), pulse.encode_to_vec());
-            if let Err((_, error)) = link.send(&[message]).await {
+            if let Err((_, error)) = link.send(&[self.sign(&scene.config, ends.as_ref())]).await {
                 tracing::debug!(%error, "the fleet does not hear that this machine is there");
             }
         }
+    }
+
+    /// Says that this machine is there, with its certificate that ends first.
+    fn sign(&self, config: &Config, ends: Option<&Ends>) -> Outgoing {
+        let pulse = Pulse {
+            role: self.role.as_str().to_string(),
+            version: env!("CARGO_PKG_VERSION").to_string(),
+            at: self.clock.now(),
+            since: self.since,
+            lag_s: self.lag_ms.load(Relaxed) as f64 * 1e-3,
+            diagnosed: self.diagnosed.load(Relaxed),
+            loops: config.loops.len() as u64,
+            certificate: ends.map(|ends| ends.of.clone()),
+            certificate_until: ends.map(|ends| ends.until),
+        };
+        let subject = Subject::new(&self.site, &self.name, What::Pulse).to_string();
+        Outgoing::latest(subject, pulse.encode_to_vec())
+    }
+
+    /// Asks for the NATS server's time: the stamp of a message that is sent now.
+    async fn ask_server(&self, link: &Link) -> Result<(), LinkError> {
+        let config = self.scene.borrow().config.clone();
+        let sign = self.sign(&config, certificates::first(&config).as_ref());
+        let subject = sign.subject.clone();
+        link.send(&[sign]).await.map_err(|(_, error)| error)?;
+        link.last_taken_at(LATEST, &subject).await?.into_iter().for_each(|at| self.hear_server(at));
+        Ok(())
+    }
+
+    /// A message came now that the NATS server had stamped `stamp` (s).
+    fn hear_server(&self, stamp: f64) {
+        lock(&self.server).hear(stamp, self.clock.elapsed());
+    }
+
+    /// Now, by the NATS server's clock (s); by ours before a stamp of it was heard.
+    fn server_now(&self) -> f64 {
+        lock(&self.server).at(self.clock.elapsed()).unwrap_or_else(|| self.clock.now())
     }
 
     fn lag(&self, s: f64) {

@@ -53,9 +53,14 @@ pub struct Config {
     /// Room for samples that the centre has not stored yet (MB); the oldest go first.
     #[serde(default = "samples_mb")]
     pub samples_mb: u64,
-    /// Room for diagnoses, alarms and what people did (MB); when it is full edges keep what is new and send it later.
-    #[serde(default = "events_mb")]
-    pub events_mb: u64,
+    /// Room for diagnoses (MB). Before it is full those go that the centre which leads has and another has not; when it is full
+    /// edges keep what is new and send it later.
+    #[serde(default = "diagnoses_mb")]
+    pub diagnoses_mb: u64,
+    /// Room for what happened to alarms (MB); when it is full edges keep what is new, send it later, and tell people by
+    /// themselves.
+    #[serde(default = "alarms_mb")]
+    pub alarms_mb: u64,
 }
 
 fn domain() -> String {
@@ -78,8 +83,12 @@ fn samples_mb() -> u64 {
     4096
 }
 
-fn events_mb() -> u64 {
+fn diagnoses_mb() -> u64 {
     1024
+}
+
+fn alarms_mb() -> u64 {
+    256
 }
 
 impl Config {
@@ -125,7 +134,12 @@ impl Config {
         unless(within(forward, 0.1, 60.0), "forward_s", format!("{forward} must be 0.1 to 60"));
         unless(within(answer, 1.0, 3600.0), "answer_within_s", format!("{answer} must be 1 to 3600"));
         unless(within(cut, 2.0, 3600.0), "cut_off_after_s", format!("{cut} must be 2 to 3600"));
-        for (field, mb) in [("samples_mb", self.samples_mb), ("events_mb", self.events_mb)] {
+        let rooms = [
+            ("samples_mb", self.samples_mb),
+            ("diagnoses_mb", self.diagnoses_mb),
+            ("alarms_mb", self.alarms_mb),
+        ];
+        for (field, mb) in rooms {
             unless((16..=1_000_000).contains(&mb), field, format!("{mb} must be 16 to 1000000"));
         }
         wrong
@@ -153,8 +167,8 @@ mod tests {
         let two = "servers = ['nats://hub']\nuser = 'a'\npassword_file = 'p'\nnkey_file = 'k'";
         assert_eq!(wrong(two), ["user"]);
         assert_eq!(
-            wrong("servers = ['nats://hub']\nforward_s = 0\nsamples_mb = 1"),
-            ["forward_s", "samples_mb"]
+            wrong("servers = ['nats://hub']\nforward_s = 0\nsamples_mb = 1\nalarms_mb = 1"),
+            ["forward_s", "samples_mb", "alarms_mb"]
         );
     }
 }

@@ -2,8 +2,10 @@
 
 mod again;
 mod error;
+mod given;
 mod hearing;
 mod outgoing;
+mod purging;
 mod reading;
 
 use super::config::Config;
@@ -13,21 +15,24 @@ use super::lease::Seen;
 use super::login;
 use super::ops::MOST_MESSAGE;
 use super::relay::Relay;
-use super::streams::{self, LATEST, LEASE};
+use super::streams::{self, ACTIONS, LATEST, LEASE};
 use again::{GIVEN_AGAIN, UNACKNOWLEDGED};
 use async_nats::Client;
 use async_nats::connection::State;
-use async_nats::jetstream::consumer::{AckPolicy, Consumer, DeliverPolicy, pull};
+use async_nats::jetstream::consumer::{self, AckPolicy, Consumer, DeliverPolicy, pull};
 use async_nats::jetstream::context::{ContextBuilder, PublishErrorKind};
-use async_nats::jetstream::message::PublishMessage;
-use async_nats::jetstream::stream::LastRawMessageErrorKind;
+use async_nats::jetstream::message::{PublishMessage, StreamMessage};
+use async_nats::jetstream::stream::{self, LastRawMessageErrorKind, RawMessageError};
 use async_nats::jetstream::{self, Context};
 pub use error::LinkError;
 use error::away;
 use futures::StreamExt;
+pub use given::Mark;
+use given::{Given, Standing};
 use hearing::HEAD;
 pub use hearing::Hearing;
 pub use outgoing::Outgoing;
+use purging::Reader;
 use reading::ANSWER;
 pub use reading::{Incoming, Reading};
 use std::time::Duration;
@@ -40,6 +45,15 @@ const FORGOTTEN_AFTER: Duration = Duration::from_secs(7 * 86_400);
 const NAMELESS_FORGOTTEN_AFTER: Duration = Duration::from_secs(300);
 /// Readers of one stream that are asked about: as many as a server lists in one answer, and far more than there are centres.
 const MOST_READERS: usize = 256;
+
+/// What a stream is, and how far it has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StreamState {
+    /// When it was made (ns since the Unix epoch): one that is made anew counts from 1 again.
+    pub made: i128,
+    /// Number of its last message, also where that was deleted. It falls where the server has lost its last messages.
+    pub last: u64,
+}
 
 /// A connection to the fleet.
 #[derive(Clone, Debug)]
@@ -98,13 +112,21 @@ impl Link {
         Ok(())
     }
 
-    /// When a stream was made (ns since the Unix epoch): one that is made anew counts from 1 again.
+    /// How a stream stands.
+    ///
+    /// # Errors
+    /// [`LinkError::Away`].
+    pub async fn state(&self, stream: &str) -> Result<StreamState, LinkError> {
+        let info = self.js.get_stream(stream).await.map_err(away)?.cached_info().clone();
+        Ok(StreamState { made: info.created.unix_timestamp_nanos(), last: info.state.last_sequence })
+    }
+
+    /// When a stream was made (ns since the Unix epoch).
     ///
     /// # Errors
     /// [`LinkError::Away`].
     pub async fn made(&self, stream: &str) -> Result<i128, LinkError> {
-        let stream = self.js.get_stream(stream).await.map_err(away)?;
-        Ok(stream.cached_info().created.unix_timestamp_nanos())
+        Ok(self.state(stream).await?.made)
     }
 
     /// Sends messages in order.
@@ -112,6 +134,15 @@ impl Link {
     /// # Errors
     /// How many from the first on are kept, and why the next is not.
     pub async fn send(&self, messages: &[Outgoing]) -> Result<(), (usize, LinkError)> {
+        self.keep(messages).await.map(drop)
+    }
+
+    /// Sends messages in order; the number that the last of them has in its stream, 0 where there is none.
+    ///
+    /// # Errors
+    /// As [`Link::send`].
+    pub async fn keep(&self, messages: &[Outgoing]) -> Result<u64, (usize, LinkError)> {
+        let mut last = 0;
         for (part, some) in messages.chunks(UNDER_WAY).enumerate() {
             let mut answers = Vec::with_capacity(some.len());
             for (at, message) in some.iter().enumerate() {
@@ -131,10 +162,11 @@ impl Link {
                 answers.push(sent.map_err(|error| fail(away(error)))?);
             }
             for (at, answer) in answers.into_iter().enumerate() {
-                answer.await.map_err(|error| (UNDER_WAY * part + at, away(error)))?;
+                let kept = answer.await.map_err(|error| (UNDER_WAY * part + at, away(error)))?;
+                last = kept.sequence;
             }
         }
-        Ok(())
+        Ok(last)
     }
 
     /// Sends a message that nobody keeps.
@@ -162,22 +194,50 @@ impl Link {
     /// # Errors
     /// [`LinkError::Away`].
     pub async fn last(&self, stream: &str, subject: &str) -> Result<Option<(u64, Vec<u8>)>, LinkError> {
+        let last = self.last_of(stream, subject).await?;
+        Ok(last.map(|message| (message.sequence, message.payload.to_vec())))
+    }
+
+    /// When a stream took the last message of a subject (s since the Unix epoch), by the server's clock.
+    ///
+    /// # Errors
+    /// [`LinkError::Away`].
+    pub async fn last_taken_at(&self, stream: &str, subject: &str) -> Result<Option<f64>, LinkError> {
+        let last = self.last_of(stream, subject).await?;
+        Ok(last.map(|message| message.time.unix_timestamp_nanos() as f64 * 1e-9))
+    }
+
+    async fn last_of(&self, stream: &str, subject: &str) -> Result<Option<StreamMessage>, LinkError> {
         let stream = self.js.get_stream_no_info(stream).await.map_err(away)?;
-        match stream.get_last_raw_message_by_subject(subject).await {
-            Ok(message) => Ok(Some((message.sequence, message.payload.to_vec()))),
-            Err(error) if error.kind() == LastRawMessageErrorKind::NoMessageFound => Ok(None),
-            Err(error) => Err(away(error)),
-        }
+        found(stream.get_last_raw_message_by_subject(subject).await)
+    }
+
+    /// The message with this number in a stream: its subject and its body.
+    ///
+    /// # Errors
+    /// [`LinkError::Away`].
+    pub async fn at(&self, stream: &str, sequence: u64) -> Result<Option<(String, Vec<u8>)>, LinkError> {
+        let message = self.message(stream, sequence).await?;
+        Ok(message.map(|message| (message.subject.to_string(), message.payload.to_vec())))
+    }
+
+    async fn message(&self, stream: &str, sequence: u64) -> Result<Option<StreamMessage>, LinkError> {
+        let stream = self.js.get_stream_no_info(stream).await.map_err(away)?;
+        found(stream.get_raw_message(sequence).await)
     }
 
     /// What a stream has for the only reader called `name`, from the first message on that it has not done, in the order of the
     /// stream. Where messages were given to it before and it has not done them, it waits until the server gives them again. Where
-    /// those take more than may be held, the reading waits once more for each portion of them.
+    /// those take more than may be held, the reading waits once more for each portion of them. Where the server has lost messages
+    /// that it was given, and uses their numbers again, all that is left may come again.
     ///
     /// # Errors
     /// [`LinkError::Away`].
     pub async fn read(&self, stream: &str, name: &str, filter: &str) -> Result<Reading, LinkError> {
-        Reading::from_first(self.consumer(stream, name, filter, (GIVEN_AGAIN, -1)).await?).await
+        // An edge may not look at single orders: they may be those of another site.
+        let given = (stream != ACTIONS).then(|| Given::new(&self.client, stream, name));
+        let consumer = self.consumer(stream, name, filter, (GIVEN_AGAIN, -1), given.as_ref()).await?;
+        Reading::from_first(consumer, given).await
     }
 
     /// What a stream has for all who read as `name`, each message for one of them. One that is not done within `patience` is
@@ -192,7 +252,7 @@ impl Link {
         filter: &str,
         limits: (Duration, i64),
     ) -> Result<Reading, LinkError> {
-        Ok(Reading::shared(self.consumer(stream, name, filter, limits).await?))
+        Ok(Reading::shared(self.consumer(stream, name, filter, limits, None).await?))
     }
 
     async fn consumer(
@@ -201,8 +261,9 @@ impl Link {
         name: &str,
         filter: &str,
         (patience, attempts): (Duration, i64),
+        given: Option<&Given>,
     ) -> Result<Consumer<pull::Config>, LinkError> {
-        let stream = self.js.get_stream_no_info(stream).await.map_err(away)?;
+        let own = self.js.get_stream_no_info(stream).await.map_err(away)?;
         let config = pull::Config {
             durable_name: Some(name.to_string()),
             filter_subject: filter.to_string(),
@@ -214,7 +275,50 @@ impl Link {
             inactive_threshold: FORGOTTEN_AFTER,
             ..pull::Config::default()
         };
-        stream.get_or_create_consumer(name, config).await.map_err(away)
+        let consumer = own.get_or_create_consumer(name, config.clone()).await.map_err(away)?;
+        // Asked after the reader, so that what comes meanwhile counts for the stream.
+        let last = self.state(stream).await?.last;
+        let Some(behind) = self.begins_behind((stream, last), consumer.cached_info(), given).await? else {
+            return Ok(consumer);
+        };
+        // It would be given nothing until the stream has come to the numbers that it counts.
+        tracing::warn!(
+            stream,
+            reader = name,
+            behind,
+            "the server may have lost its last messages: this reader begins anew, and what is behind this number comes again"
+        );
+        own.delete_consumer(name).await.map_err(away)?;
+        let deliver_policy = match behind {
+            0 => DeliverPolicy::All,
+            _ => DeliverPolicy::ByStartSequence { start_sequence: behind.saturating_add(1) },
+        };
+        own.get_or_create_consumer(name, pull::Config { deliver_policy, ..config }).await.map_err(away)
+    }
+
+    /// Behind which number a reader has to begin anew, of a stream that has come so far: see [`given`].
+    async fn begins_behind(
+        &self,
+        (stream, last): (&str, u64),
+        info: &consumer::Info,
+        given: Option<&Given>,
+    ) -> Result<Option<u64>, LinkError> {
+        let own = Standing {
+            delivered: info.delivered.stream_sequence,
+            done: info.ack_floor.stream_sequence,
+            // Who notes nothing cannot tell.
+            is_active: given.is_none() || info.delivered.last_active.is_some(),
+            last,
+        };
+        let Some(given) = given.filter(|_| own.delivered > 0) else {
+            return Ok(given::begins_behind(own, None));
+        };
+        let noted = self.last(LATEST, given.subject()).await?.and_then(|(_, body)| given::read(&body));
+        let Some((number, at)) = noted else { return Ok(given::begins_behind(own, None)) };
+        let there = self.message(stream, number).await?.map(|message| message.time.unix_timestamp_nanos());
+        // What every reader has done is deleted.
+        let is_kept = number <= last && there.is_none_or(|own| own == at);
+        Ok(given::begins_behind(own, Some((number, is_kept))))
     }
 
     /// The latest message of each subject, and every one that comes after, for this process alone.
@@ -222,7 +326,7 @@ impl Link {
     /// # Errors
     /// [`LinkError::Away`].
     pub async fn follow(&self, stream: &str, filter: &str) -> Result<Reading, LinkError> {
-        let stream = self.js.get_stream_no_info(stream).await.map_err(away)?;
+        let own = self.js.get_stream_no_info(stream).await.map_err(away)?;
         let config = pull::Config {
             filter_subject: filter.to_string(),
             deliver_policy: DeliverPolicy::LastPerSubject,
@@ -230,7 +334,8 @@ impl Link {
             inactive_threshold: NAMELESS_FORGOTTEN_AFTER,
             ..pull::Config::default()
         };
-        Ok(Reading::of_large(stream.create_consumer(config).await.map_err(away)?))
+        let consumer = own.create_consumer(config).await.map_err(away)?;
+        Ok(if stream == LATEST { Reading::of_large(consumer) } else { Reading::alone(consumer) })
     }
 
     /// The lease as it stands.
@@ -256,39 +361,67 @@ impl Link {
         Ok(sent.await.map_err(refused)?.sequence)
     }
 
-    /// Deletes what every reader of a stream has done. One of them, `part`, reads some of the subjects only. Deletes nothing
-    /// where that does not exist, or while a message is under way: servers before 2.9.15 forget such a message then.
+    /// Deletes what every reader of a stream has done, where those that are `needed` are there. With a server before 2.9.15 nothing is
+    /// deleted while a message is under way: it would forget that message then.
     ///
     /// # Errors
     /// [`LinkError::Away`], also where the stream has more than 256 readers.
-    pub async fn purge_done(&self, stream: &str, part: &str) -> Result<(), LinkError> {
+    pub async fn purge_done(&self, stream: &str, needed: &[&str]) -> Result<(), LinkError> {
         let stream = self.js.get_stream(stream).await.map_err(away)?;
-        let (mut consumers, mut done) = (stream.consumers().enumerate(), None::<u64>);
-        while let Some((at, consumer)) = consumers.next().await {
-            // A server may list readers without end.
-            if at >= MOST_READERS {
-                return Err(away(format!("a stream has more than {MOST_READERS} readers")));
-            }
-            let consumer = consumer.map_err(away)?;
-            if consumer.num_ack_pending > 0 {
-                return Ok(());
-            }
-            if consumer.name != part {
-                let floor = consumer.ack_floor.stream_sequence;
-                done = Some(done.map_or(floor, |least| least.min(floor)));
-            }
+        let forgets = !self.client.is_server_compatible(2, 9, 15);
+        match purging::done_by_all(&readers(&stream).await?, needed, forgets) {
+            Some(done) => purge(&stream, done).await,
+            None => Ok(()),
         }
-        // Asked after the others: where nothing is left for it now, it has done all that they have.
-        let part = stream.consumer_info(part).await.map_err(away)?;
-        if part.num_ack_pending > 0 {
-            return Ok(());
-        }
-        if part.num_pending > 0 {
-            done = done.map(|least| least.min(part.ack_floor.stream_sequence));
-        }
-        if let Some(done) = done.filter(|done| *done > 0) {
-            stream.purge().sequence(done.saturating_add(1)).await.map_err(away)?;
-        }
-        Ok(())
     }
+
+    /// Deletes what the reader `own` has done, where a stream is nearly full, whoever else has not done it: these readers are
+    /// returned. A server before 2.9.15 forgets what is under way then, so that a message which a reader has put off, or loses at this
+    /// moment, does not come to it again: there nothing is deleted while `own` holds a message, unless the stream is almost full.
+    ///
+    /// # Errors
+    /// [`LinkError::Away`], also where the stream has more than 256 readers.
+    pub async fn make_room(&self, stream: &str, own: &str) -> Result<Vec<String>, LinkError> {
+        let stream = self.js.get_stream(stream).await.map_err(away)?;
+        let info = stream.cached_info();
+        if !purging::is_nearly_full(info.state.bytes, info.config.max_bytes) {
+            return Ok(Vec::new());
+        }
+        let readers = readers(&stream).await?;
+        let waits = !self.client.is_server_compatible(2, 9, 15)
+            && !purging::is_almost_full(info.state.bytes, info.config.max_bytes);
+        let Some((done, behind)) = purging::done_by(&readers, own, waits) else { return Ok(Vec::new()) };
+        purge(&stream, done).await?;
+        Ok(behind.into_iter().map(str::to_string).collect())
+    }
+}
+
+/// A message of a stream, where there is one.
+fn found(asked: Result<StreamMessage, RawMessageError>) -> Result<Option<StreamMessage>, LinkError> {
+    match asked {
+        Ok(message) => Ok(Some(message)),
+        Err(error) if error.kind() == LastRawMessageErrorKind::NoMessageFound => Ok(None),
+        Err(error) => Err(away(error)),
+    }
+}
+
+/// All readers of a stream.
+async fn readers(stream: &stream::Stream) -> Result<Vec<Reader>, LinkError> {
+    let (mut consumers, mut readers) = (stream.consumers(), Vec::new());
+    while let Some(consumer) = consumers.next().await {
+        // A server may list readers without end.
+        if readers.len() >= MOST_READERS {
+            return Err(away(format!("a stream has more than {MOST_READERS} readers")));
+        }
+        let info = consumer.map_err(away)?;
+        let (floor, under_way) = (info.ack_floor.stream_sequence, info.num_ack_pending);
+        readers.push(Reader { name: info.name, floor, under_way });
+    }
+    Ok(readers)
+}
+
+/// Deletes all messages of a stream up to this number.
+async fn purge(stream: &stream::Stream, done: u64) -> Result<(), LinkError> {
+    stream.purge().sequence(done.saturating_add(1)).await.map_err(away)?;
+    Ok(())
 }

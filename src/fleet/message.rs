@@ -13,6 +13,9 @@ pub struct Samples {
     /// Where each tag of the loop is after this message, those without new samples too.
     #[prost(message, repeated, tag = "2")]
     pub places: Vec<Place>,
+    /// The edge that says so: two edges of a site may have a loop of one name.
+    #[prost(string, tag = "3")]
+    pub edge: String,
 }
 
 /// How far a tag has been forwarded.
@@ -32,7 +35,7 @@ pub struct Place {
 /// Samples of one tag.
 #[derive(Clone, PartialEq, Message)]
 pub struct TagSamples {
-    /// `op`, `pv`, `sp`, `mode`, `mv`, `term` or another tag's name.
+    /// `op`, `pv`, `sp`, `mode`, `mv` or another tag's name; the term of write-back never leaves its edge.
     #[prost(string, tag = "1")]
     pub tag: String,
     /// Where it is read and how it is decoded: another source is another tag.
@@ -70,6 +73,9 @@ pub struct Window {
     /// Nobody waits for an answer for longer (s).
     #[prost(double, tag = "6")]
     pub answer_within_s: f64,
+    /// Version of the program that asks: another one may find something else, so it refuses the window.
+    #[prost(string, tag = "7")]
+    pub version: String,
 }
 
 /// What a worker says of a window.
@@ -101,6 +107,9 @@ pub struct Diagnosis {
     /// The loop's model after it, where the store has one.
     #[prost(message, optional, tag = "3")]
     pub model: Option<Model>,
+    /// The edge that says so: two edges of a site may have a loop of one name.
+    #[prost(string, tag = "4")]
+    pub edge: String,
 }
 
 /// A run and what it said.
@@ -187,7 +196,7 @@ pub struct Model {
 /// An alarm of an edge: how it stands, and what happened to it.
 #[derive(Clone, PartialEq, Message)]
 pub struct Alarm {
-    /// Number of the change in the edge's store; 0 where only the state is told.
+    /// Number of the change in the edge's store.
     #[prost(uint64, tag = "1")]
     pub number: u64,
     /// How it stands now.
@@ -199,6 +208,21 @@ pub struct Alarm {
     /// Whether the edge has told people of it, because it reached no centre.
     #[prost(bool, tag = "4")]
     pub told: bool,
+    /// The edge that says so: two edges of a site may have a loop of one name.
+    #[prost(string, tag = "5")]
+    pub edge: String,
+}
+
+/// How all alarms of a loop or collector stand. The stream keeps the last of each, so that a centre which reads for the first
+/// time, or has lost its disk, knows of alarms that have not changed since.
+#[derive(Clone, PartialEq, Message)]
+pub struct States {
+    /// Those that have ever changed; all others of the loop or collector are normal.
+    #[prost(message, repeated, tag = "1")]
+    pub alarms: Vec<AlarmState>,
+    /// The edge that says so: two edges of a site may have a loop of one name.
+    #[prost(string, tag = "2")]
+    pub edge: String,
 }
 
 /// How an alarm stands, as the store keeps it.
@@ -325,6 +349,9 @@ pub struct Action {
     /// When the state that was seen began, by the edge's clock (s): what a person did there since was not known.
     #[prost(double, optional, tag = "10")]
     pub since: Option<f64>,
+    /// The edge that is meant, where several edges of the site have a loop of this name; empty where any of them is.
+    #[prost(string, tag = "11")]
+    pub edge: String,
 }
 
 /// A part of an edge's announcement: some of the bytes of a [`Hello`].
@@ -439,12 +466,30 @@ pub struct Pulse {
 /// How far an edge has forwarded what its store numbers.
 #[derive(Clone, Copy, PartialEq, Message)]
 pub struct Cursor {
-    /// Number of the last diagnosis.
+    /// Diagnoses.
+    #[prost(message, optional, tag = "1")]
+    pub diagnoses: Option<Progress>,
+    /// Changes of alarms.
+    #[prost(message, optional, tag = "2")]
+    pub changes: Option<Progress>,
+}
+
+/// How far a stream has what an edge's store numbers. The cursor is in another stream and may outlive the messages that it counts,
+/// so it says where the last of them is.
+#[derive(Clone, Copy, PartialEq, Message)]
+pub struct Progress {
+    /// Number of the last that the stream has acknowledged.
     #[prost(uint64, tag = "1")]
-    pub diagnosis: u64,
-    /// Number of the last change of an alarm.
+    pub number: u64,
+    /// Number of its message in the stream; 0 where the stream that there is now has acknowledged none.
     #[prost(uint64, tag = "2")]
-    pub change: u64,
+    pub sequence: u64,
+    /// When the stream was made (ns since the Unix epoch).
+    #[prost(int64, tag = "3")]
+    pub made: i64,
+    /// Number of the last that the server has had for so long that a loss of power takes it no more.
+    #[prost(uint64, tag = "4")]
+    pub on_disk: u64,
 }
 
 #[cfg(test)]

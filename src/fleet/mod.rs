@@ -2,7 +2,7 @@
 //! reaches a server through a relay of ours, which bounds what the server may say.
 //!
 //! ```text
-//! edge    --samples, diagnoses, alarms, hello-->  streams  -->  centre
+//! edge    --alarms, states, diagnoses, samples, hello-->  streams  -->  centre
 //! edge    --window-->  work queue  -->  worker  --answer-->  edge
 //! centre  --action-->  stream  -->  edge
 //! ```
@@ -12,7 +12,8 @@
 //!
 //! # What is guaranteed
 //! - The edge is the only writer of what it measured and of its alarms, so nothing has to be merged.
-//! - What was forwarded is known from the streams themselves: an edge goes on behind the last message of each loop.
+//! - What was forwarded is known from the streams themselves: an edge goes on behind the last message of each loop, and behind a
+//!   cursor that names a message which has to be there.
 //! - A message is sent again until it is acknowledged; its id is a digest of its bytes, so the stream keeps it once.
 //! - The list of an edge's loops comes in parts, and is taken whole or not at all.
 //! - Write-back never crosses the fleet: there is no message for it.

@@ -12,7 +12,7 @@ pub const MOST_PINGS: u32 = 64;
 /// All bytes between two of our requests: what several readers have asked for at once.
 pub const MOST_ANSWER: u64 = 20 << 20;
 /// Target of log lines whose number a peer decides: they are bounded as the lines of a library are.
-pub(super) const LOG: &str = "nats";
+pub const LOG: &str = "nats";
 
 /// Why a server is not heard any further. It says nothing that the server chooses: what is said once is then the same each time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]

@@ -10,15 +10,23 @@ use std::time::Duration;
 pub const SAMPLES: &str = "stictiond_samples";
 /// Windows that wait for a worker; each is taken out when it is answered.
 pub const WINDOWS: &str = "stictiond_windows";
-/// Diagnoses and alarms; when it is full what is new waits at the edge.
-pub const EVENTS: &str = "stictiond_events";
+/// Diagnoses; when it is full what is new waits at the edge.
+pub const DIAGNOSES: &str = "stictiond_diagnoses";
+/// What happened to alarms; when it is full what is new waits at the edge. It is apart from diagnoses, which are far more and
+/// larger, so that these never keep an alarm back.
+pub const ALARMS: &str = "stictiond_alarms";
+/// How the alarms of each loop and collector stand, the last message of each edge about each.
+pub const STATES: &str = "stictiond_states";
 /// What people at the centre did about alarms; when it is full nothing more can be done.
 pub const ACTIONS: &str = "stictiond_actions";
-/// The latest message of each edge, worker and centre, the latest of each part of an edge's announcement, and the lease.
+/// The latest message of each edge, worker and centre, the latest of each part of an edge's announcement, the lease, and what each
+/// reader of a centre was given last.
 pub const LATEST: &str = "stictiond_latest";
 
 /// Subject of the lease.
 pub const LEASE: &str = "stictiond.v1.fleet.centre.lease";
+/// Subjects of what readers of streams were given last.
+const GIVEN: &str = "stictiond.v1.fleet.*.given";
 /// An id that was seen within this time is a message sent twice.
 const SAME_WITHIN: Duration = Duration::from_secs(600);
 /// A window that nobody took for longer is no longer asked for.
@@ -34,9 +42,18 @@ const LATEST_BYTES: i64 = 256_000_000;
 /// Most bytes of one of the latest messages: four times the longest of them, a part of an edge's list. A reader gets a message as
 /// Base64, a third longer. If that were longer than an answer may be, each reader would lose its connection.
 const LATEST_MESSAGE: i32 = 1 << 19;
+/// Most bytes of how alarms stand: 5 kB for each of 100,000 loops.
+const STATE_BYTES: i64 = 512_000_000;
+/// Most bytes of one message of how alarms stand, with its head: a reader asks for 32 at once.
+pub const STATE_MESSAGE: i32 = 1 << 16;
+
+/// Subject of what a reader of a stream was given last.
+pub fn given(stream: &str, reader: &str) -> String {
+    GIVEN.replace('*', &format!("{stream}-{reader}"))
+}
 
 /// All streams, with the room that a configuration gives them.
-pub fn of(config: &Config) -> [stream::Config; 5] {
+pub fn of(config: &Config) -> [stream::Config; 7] {
     let bytes = |mb: u64| i64::try_from(mb * 1_000_000).unwrap_or(i64::MAX);
     let base = |name: &str, subjects: Vec<String>, max_bytes: i64| stream::Config {
         name: name.to_string(),
@@ -49,7 +66,7 @@ pub fn of(config: &Config) -> [stream::Config; 5] {
     };
     let each = |whats: &[What]| whats.iter().map(|what| all(None, *what)).collect::<Vec<_>>();
     let mut latest = each(&[What::Hello, What::Pulse, What::Cursor]);
-    latest.push(LEASE.to_string());
+    latest.extend([LEASE, GIVEN].map(str::to_string));
     [
         stream::Config {
             discard: DiscardPolicy::Old,
@@ -64,7 +81,17 @@ pub fn of(config: &Config) -> [stream::Config; 5] {
         },
         stream::Config {
             discard: DiscardPolicy::New,
-            ..base(EVENTS, each(&[What::Diagnosis, What::Alarm]), bytes(config.events_mb))
+            ..base(DIAGNOSES, each(&[What::Diagnosis]), bytes(config.diagnoses_mb))
+        },
+        stream::Config {
+            discard: DiscardPolicy::New,
+            ..base(ALARMS, each(&[What::Alarm]), bytes(config.alarms_mb))
+        },
+        stream::Config {
+            discard: DiscardPolicy::Old,
+            max_messages_per_subject: 1,
+            max_message_size: STATE_MESSAGE,
+            ..base(STATES, each(&[What::State]), STATE_BYTES)
         },
         stream::Config {
             discard: DiscardPolicy::New,
@@ -99,21 +126,24 @@ mod tests {
     use super::*;
 
     #[test]
-    fn samples_give_way_and_events_never_do() {
-        let config: Config = toml::from_str("servers = ['nats://hub']\nevents_mb = 16").expect("readable");
-        let [samples, windows, events, actions, latest] = of(&config);
+    fn samples_give_way_and_what_was_found_never_does() {
+        let text = "servers = ['nats://hub']\ndiagnoses_mb = 32\nalarms_mb = 16";
+        let config: Config = toml::from_str(text).expect("readable");
+        let [samples, windows, diagnoses, alarms, states, actions, latest] = of(&config);
         assert_eq!((samples.discard, samples.max_bytes), (DiscardPolicy::Old, 4_096_000_000));
-        assert_eq!((events.discard, events.max_bytes), (DiscardPolicy::New, 16_000_000));
-        assert_eq!(events.max_age, Duration::ZERO);
+        assert_eq!((diagnoses.discard, diagnoses.max_bytes), (DiscardPolicy::New, 32_000_000));
+        assert_eq!((alarms.discard, alarms.max_bytes), (DiscardPolicy::New, 16_000_000));
+        assert_eq!((diagnoses.max_age, alarms.max_age), (Duration::ZERO, Duration::ZERO));
+        assert_eq!((states.max_messages_per_subject, states.max_message_size), (1, 65_536));
         assert_eq!(windows.retention, RetentionPolicy::WorkQueue);
         assert_eq!(actions.discard, DiscardPolicy::New);
         // A server refuses a stream that forgets ids later than messages.
-        let all = [&samples, &windows, &events, &actions, &latest];
+        let all = [&samples, &windows, &diagnoses, &alarms, &states, &actions, &latest];
         assert!(all.iter().all(|own| own.max_age.is_zero() || own.duplicate_window <= own.max_age));
         assert_eq!((latest.max_messages_per_subject, latest.max_message_size), (1, 524_288));
         // Every kind of message but the answer, which an edge waits for, is in exactly one stream.
-        let all: Vec<String> =
-            [samples, windows, events, actions, latest].into_iter().flat_map(|s| s.subjects).collect();
+        let all = [samples, windows, diagnoses, alarms, states, actions, latest];
+        let all: Vec<String> = all.into_iter().flat_map(|own| own.subjects).collect();
         for what in What::ALL.into_iter().filter(|what| *what != What::Answer) {
             let subjects = crate::fleet::subject::all(None, what);
             assert_eq!(all.iter().filter(|own| **own == subjects).count(), 1, "{what:?}");

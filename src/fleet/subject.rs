@@ -1,4 +1,5 @@
-//! Names on the wire: `stictiond.v1.<site>.<loop>.<what>`, and `stictiond.v1.<site>.<edge>.hello.<part>`.
+//! Names on the wire: `stictiond.v1.<site>.<loop>.<what>`, `stictiond.v1.<site>.<loop>.state.<edge>`, and
+//! `stictiond.v1.<site>.<edge>.hello.<part>`.
 
 use std::fmt::{self, Write as _};
 
@@ -22,6 +23,9 @@ pub enum What {
     Diagnosis,
     /// An alarm of an edge, [`Alarm`](super::message::Alarm).
     Alarm,
+    /// How the alarms of a loop or collector stand, [`States`](super::message::States). The edge that says so stands at the end: the
+    /// stream keeps the last message of each subject, and two edges of a site may have one loop.
+    State,
     /// What somebody at the centre did about an alarm, [`Action`](super::message::Action).
     Action,
     /// A part of an edge's announcement, [`HelloPart`](super::message::HelloPart). The edge's name stands in the loop's place, and
@@ -35,12 +39,13 @@ pub enum What {
 
 impl What {
     /// All of them.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Samples,
         Self::Window,
         Self::Answer,
         Self::Diagnosis,
         Self::Alarm,
+        Self::State,
         Self::Action,
         Self::Hello,
         Self::Pulse,
@@ -55,6 +60,7 @@ impl What {
             Self::Answer => "answer",
             Self::Diagnosis => "diagnosis",
             Self::Alarm => "alarm",
+            Self::State => "state",
             Self::Action => "action",
             Self::Hello => "hello",
             Self::Pulse => "pulse",
@@ -85,13 +91,21 @@ impl Subject {
         format!("{self}.{number}")
     }
 
-    /// A subject as it is written; `None` for another's. The number of a part is not returned: the message has it, too.
+    /// The subject of what this edge says of it.
+    pub fn of_edge(&self, edge: &str) -> String {
+        format!("{self}.{}", escaped(edge))
+    }
+
+    /// A subject as it is written; `None` for another's. The number of a part and the edge of a state are not returned: the message
+    /// has them, too.
     pub fn read(text: &str) -> Option<Self> {
         let mut parts = text.strip_prefix(PREFIX)?.strip_prefix('.')?.split('.');
         let (site, name, what) = (parts.next()?, parts.next()?, parts.next()?);
         let what = What::ALL.into_iter().find(|own| own.as_str() == what)?;
         if what == What::Hello {
             parts.next()?.parse::<u32>().ok()?;
+        } else if what == What::State {
+            unescaped(parts.next().filter(|edge| !edge.is_empty())?)?;
         }
         (parts.next().is_none() && is_site(site)).then_some(())?;
         Some(Self { site: site.to_string(), name: unescaped(name)?, what })
@@ -106,7 +120,7 @@ impl fmt::Display for Subject {
 
 /// All subjects about `what`, of one site or of all.
 pub fn all(site: Option<&str>, what: What) -> String {
-    let part = if what == What::Hello { ".*" } else { "" };
+    let part = if matches!(what, What::Hello | What::State) { ".*" } else { "" };
     format!("{PREFIX}.{}.*.{}{part}", site.unwrap_or("*"), what.as_str())
 }
 
@@ -165,6 +179,9 @@ mod tests {
         let subject = Subject::new("north", "FIC 101.A", What::Samples);
         assert_eq!(subject.to_string(), "stictiond.v1.north.FIC%20101%2EA.samples");
         assert_eq!(Subject::new("north", "e1", What::Hello).part(7), "stictiond.v1.north.e1.hello.7");
+        let state = Subject::new("north", "FIC1", What::State).of_edge("e.1");
+        assert_eq!(state, "stictiond.v1.north.FIC1.state.e%2E1");
+        assert_eq!(all(None, What::State), "stictiond.v1.*.*.state.*");
         assert_eq!(all(Some("north"), What::Hello), "stictiond.v1.north.*.hello.*");
         assert_eq!(all(None, What::Alarm), "stictiond.v1.*.*.alarm");
     }
@@ -180,6 +197,9 @@ mod tests {
         for text in ["stictiond.v1.a.b.hello", "stictiond.v1.a.b.hello.x", "stictiond.v1.a.b.hello.1.2"] {
             assert_eq!(Subject::read(text), None, "{text}");
         }
+        for text in ["stictiond.v1.a.b.state", "stictiond.v1.a.b.state.", "stictiond.v1.a.b.state.e.1"] {
+            assert_eq!(Subject::read(text), None, "{text}");
+        }
     }
 
     proptest! {
@@ -188,6 +208,7 @@ mod tests {
             let subject = Subject::new("site-1", &name, What::ALL[at]);
             let (text, tokens) = match subject.what {
                 What::Hello => (subject.part(at as u32), 6),
+                What::State => (subject.of_edge(&name), 6),
                 _ => (subject.to_string(), 5),
             };
             prop_assert!(text.split('.').count() == tokens && !text.contains([' ', '*', '>']));

@@ -3,7 +3,7 @@
 
 use super::message::{
     Action, Alarm, AlarmChange, AlarmState, Answer, Cursor, Diagnosis, Effect, Hello, HelloPart, Loop, Model,
-    Place, Pulse, Run, Samples, Tag, TagSamples, Window,
+    Place, Pulse, Run, Samples, States, Tag, TagSamples, Window,
 };
 use super::ops::LOG;
 use crate::protobuf::Field::{self, Text, Texts};
@@ -43,7 +43,7 @@ pub fn refuse(subject: &str, why: &str) {
 }
 
 impl Weighed for Samples {
-    const FIELDS: &'static [Field] = &[many::<TagSamples>(1), many::<Place>(2)];
+    const FIELDS: &'static [Field] = &[many::<TagSamples>(1), many::<Place>(2), Text(3)];
 }
 
 impl Weighed for Place {
@@ -55,7 +55,7 @@ impl Weighed for TagSamples {
 }
 
 impl Weighed for Window {
-    const FIELDS: &'static [Field] = &[Text(1), Text(2), many::<TagSamples>(3)];
+    const FIELDS: &'static [Field] = &[Text(1), Text(2), many::<TagSamples>(3), Text(7)];
 }
 
 impl Weighed for Answer {
@@ -63,7 +63,7 @@ impl Weighed for Answer {
 }
 
 impl Weighed for Diagnosis {
-    const FIELDS: &'static [Field] = &[one::<Run>(2), one::<Model>(3)];
+    const FIELDS: &'static [Field] = &[one::<Run>(2), one::<Model>(3), Text(4)];
 }
 
 impl Weighed for Run {
@@ -80,7 +80,11 @@ impl Weighed for Model {
 }
 
 impl Weighed for Alarm {
-    const FIELDS: &'static [Field] = &[one::<AlarmState>(2), one::<AlarmChange>(3)];
+    const FIELDS: &'static [Field] = &[one::<AlarmState>(2), one::<AlarmChange>(3), Text(5)];
+}
+
+impl Weighed for States {
+    const FIELDS: &'static [Field] = &[many::<AlarmState>(1), Text(2)];
 }
 
 impl Weighed for AlarmState {
@@ -93,7 +97,7 @@ impl Weighed for AlarmChange {
 }
 
 impl Weighed for Action {
-    const FIELDS: &'static [Field] = &[Text(1), Text(2), Text(3), Text(5), Text(6)];
+    const FIELDS: &'static [Field] = &[Text(1), Text(2), Text(3), Text(5), Text(6), Text(11)];
 }
 
 impl Weighed for HelloPart {

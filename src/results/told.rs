@@ -17,32 +17,51 @@ pub struct Told {
     pub quality: String,
     /// Whether the published methods contradicted its verdict.
     pub doubtful: bool,
+    /// Time of the last sample that was fitted (s); `None` where none was, or nobody said.
+    pub fitted_until: Option<f64>,
     /// The effects in the model, in the order they were added.
     pub effects: Vec<KnownEffect>,
     /// What the next run may take as given.
     pub structure: Option<Structure>,
     /// The share of PV's standard deviation that the model does not explain; `None` where that was not looked at.
     pub unexplained: Option<f64>,
+    /// Version of the program that says it.
+    pub version: String,
 }
 
 impl Told {
-    /// As a diagnosis of before the start is kept; `None` for a run that failed.
-    fn restored(&self) -> Option<Restored> {
+    /// As a diagnosis of before the start is kept, on samples that were read there; `None` for a run that failed.
+    fn restored(&self, source: Option<u64>) -> Option<Restored> {
         Some(Restored {
             finished: self.summary.time,
             took_s: self.summary.took_s,
             quality: self.quality.clone(),
             doubtful: self.doubtful,
             structure: self.structure.clone(),
+            source,
             report: self.report.clone()?,
         })
     }
 }
 
 impl Entry {
-    /// Takes a run that was made elsewhere as the latest.
-    pub(super) fn take(&mut self, told: &Told) {
-        if let Some(restored) = told.restored() {
+    /// Remembers a run as the latest, or before the run at `later`, and no more than `most` of them. All that a machine ever made
+    /// may come once more: what is older than everything that is known must not take the place of what came after it.
+    fn put(&mut self, later: Option<usize>, summary: Summary, most: usize) {
+        let mut at = later.unwrap_or(self.summaries.len());
+        if self.summaries.len() >= most {
+            if at == 0 {
+                return;
+            }
+            self.summaries.pop_front();
+            at -= 1;
+        }
+        self.summaries.insert(at, summary);
+    }
+
+    /// Takes a run that was made elsewhere as the latest, on samples of this source.
+    pub(super) fn take(&mut self, told: &Told, source: Option<u64>) {
+        if let Some(restored) = told.restored(source) {
             self.diagnosed = None;
             self.restored = Some((Arc::new(restored), told.summary.clone()));
         }
@@ -61,16 +80,14 @@ impl Results {
         if entry.summaries.iter().any(|known| known.time.to_bits() == summary.time.to_bits()) {
             return false;
         }
-        if entry.summaries.len() == self.keep {
-            entry.summaries.pop_front();
-        }
-        entry.summaries.push_back(summary.clone());
         let is_later = |known: &Summary| known.time > summary.time && known.time <= now;
-        let is_latest = !entry.summaries.iter().any(is_later);
-        if let Outcome::Elsewhere(told) = &run.outcome
-            && is_latest
-        {
-            entry.take(told);
+        let later = entry.summaries.iter().position(is_later);
+        entry.put(later, summary.clone(), self.keep);
+        if later.is_none() {
+            entry.look(&run, &summary);
+            if let Outcome::Elsewhere(told) = &run.outcome {
+                entry.take(told, run.source());
+            }
         }
         let new = model.filter(|new| new.version > entry.model.version);
         if let Some(new) = &new {
@@ -84,8 +101,8 @@ impl Results {
 }
 
 impl Run {
-    /// As the alarms see it.
-    pub(super) fn short(&self) -> ShortRun<'_> {
+    /// As the alarms see it; `counts`: whether it is a vote.
+    pub(super) fn short(&self, counts: bool) -> ShortRun<'_> {
         let outcome = self.outcome.as_str();
         ShortRun {
             id: &self.id,
@@ -93,6 +110,7 @@ impl Run {
             sticky: outcome == "stiction",
             identifiable: matches!(outcome, "stiction" | "no_stiction"),
             unexplained: self.unexplained(),
+            counts,
         }
     }
 
@@ -109,6 +127,18 @@ impl Run {
         let spread = (window.pv.iter().map(|pv| (pv - mean).powi(2)).sum::<f64>() / n).sqrt();
         let share = found.after.free_run_rmse / spread;
         (spread > 0.0 && share.is_finite()).then_some(if found.unexplained { share } else { 0.0 })
+    }
+
+    /// Time of the last sample that it fitted (s); `None` where it fitted none.
+    pub fn fitted_until(&self) -> Option<f64> {
+        match &self.outcome {
+            Outcome::Diagnosed(judged) => {
+                let own = &judged.diagnosis.preparation;
+                (own.n > 0).then_some(own.end)
+            }
+            Outcome::Elsewhere(told) => told.fitted_until,
+            Outcome::DeadlineExceeded | Outcome::Panicked(_) => None,
+        }
     }
 
     /// The effects in the model after it; `None` for a run that failed.

@@ -3,7 +3,7 @@
 
 use crate::daemon::{Daemon, folder, stictiond};
 use crate::nats::{Nats, check};
-use crate::rig::{PATIENCE, alarm, diagnosed, loops, tells};
+use crate::rig::{PATIENCE, alarm, diagnosed, loops, now, tells};
 use futures::StreamExt;
 use std::fmt::Display;
 use std::fs;
@@ -11,13 +11,15 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use stictiond::fleet::config::Config;
 use stictiond::fleet::link::{Hearing, Link, Outgoing};
-use stictiond::fleet::streams::{ACTIONS, EVENTS, LATEST, SAMPLES, WINDOWS};
+use stictiond::fleet::streams::{ACTIONS, ALARMS, DIAGNOSES, LATEST, SAMPLES, STATES, WINDOWS};
 use stictiond::fleet::subject::{NO_SITE, Subject, What, all};
 
 /// What stands in `hub.conf` for the hash of a password.
 const HASH: &str = "$2a$11$replace.this.by.the.hash.of.a.password.of.your.ownxxxxxxxx";
 const PASSWORD: &str = "a-password-of-our-own";
 const A_WHILE: Duration = Duration::from_secs(10);
+/// Under which name the edge `e1` of the site north reads its orders: `hub.conf` names it.
+const ORDERS: &str = "edge_north_e1";
 /// What has reached this process is heard far sooner.
 const A_MOMENT: Duration = Duration::from_secs(1);
 
@@ -78,7 +80,11 @@ async fn link(section: &str) -> (Link, Config) {
 
 fn message(site: &str, name: &str, what: What) -> Outgoing {
     let own = Subject::new(site, name, what);
-    let subject = if what == What::Hello { own.part(0) } else { own.to_string() };
+    let subject = match what {
+        What::Hello => own.part(0),
+        What::State => own.of_edge("e1"),
+        _ => own.to_string(),
+    };
     Outgoing::once(subject, what.as_str().as_bytes().to_vec())
 }
 
@@ -134,10 +140,19 @@ impl Roles {
 
     /// What an edge forwards arrives; a window goes to a worker and its answer to the edge, and an order to the edge.
     async fn do_their_parts(&self) {
+        use What::{Alarm, Cursor, Diagnosis, Hello, Pulse, Samples, State};
         let Self { centre, worker, edge } = self;
-        for what in [What::Samples, What::Diagnosis, What::Alarm, What::Hello, What::Pulse, What::Cursor] {
+        for what in [Samples, Diagnosis, Alarm, State, Hello, Pulse, Cursor] {
             sent(edge, message("north", "A", what)).await;
         }
+        // It asks whether the streams still have that, and what time it is there.
+        for (stream, what) in [(DIAGNOSES, Diagnosis), (ALARMS, Alarm), (STATES, State)] {
+            assert_eq!(good(edge.state(stream).await).last, 1, "{stream}");
+            let there = good(edge.at(stream, 1).await).expect("it is kept");
+            assert_eq!(there, (message("north", "A", what).subject, what.as_str().as_bytes().to_vec()));
+        }
+        let pulse = Subject::new("north", "A", Pulse).to_string();
+        assert!(good(edge.last_taken_at(LATEST, &pulse).await).is_some_and(|at| (at - now()).abs() < 3600.0));
         let samples = Subject::new("north", "A", What::Samples).to_string();
         let last = good(edge.last(SAMPLES, &samples).await);
         assert_eq!(last.map(|(_, body)| body).as_deref(), Some(&b"samples"[..]));
@@ -147,14 +162,17 @@ impl Roles {
         assert_eq!(last.map(|(_, body)| body).as_deref(), Some(&b"hello"[..]));
         good(centre.write_lease(0, "0 c1".to_string()).await);
         assert!(good(edge.lease().await).is_some());
-        for (stream, count) in [(SAMPLES, 1), (EVENTS, 2)] {
+        for stream in [SAMPLES, DIAGNOSES, ALARMS] {
             let mut reading = good(centre.read(stream, "centre_c1", "").await);
-            let found = good(reading.next(count, A_WHILE).await);
-            assert_eq!(found.len(), count, "{stream}");
+            let found = good(reading.next(1, A_WHILE).await);
+            assert_eq!(found.len(), 1, "{stream}");
             for own in found {
                 good(own.done().await);
             }
         }
+
+        let mut states = good(centre.follow(STATES, &all(None, State)).await);
+        assert_eq!(good(states.next(1, A_WHILE).await).len(), 1);
 
         let mut answers = good(edge.hear(all(Some("north"), What::Answer)).await);
         sent(edge, message("north", "A", What::Window)).await;
@@ -169,7 +187,7 @@ impl Roles {
         assert_eq!(answer.expect("it is connected").payload[..], b"answer"[..]);
 
         sent(centre, message("north", "A", What::Action)).await;
-        let mut orders = good(edge.read(ACTIONS, "edge_north", &all(Some("north"), What::Action)).await);
+        let mut orders = good(edge.read(ACTIONS, ORDERS, &all(Some("north"), What::Action)).await);
         let order = good(orders.next(1, A_WHILE).await).pop().expect("an order");
         good(order.done().await);
     }
@@ -182,8 +200,14 @@ impl Roles {
         let mut own = good(edge.hear(all(Some("north"), What::Answer)).await);
         sent(edge, message("north", "B", What::Samples)).await;
         let samples = Subject::new("north", "B", What::Samples).to_string();
+        // The orders of another site, of which one has its reader already.
+        let east = all(Some("east"), What::Action);
+        good(centre.read(ACTIONS, "edge_east_e2", &east).await);
+        sent(centre, message("east", "A", What::Action)).await;
         // Who asks what it may not gets no answer, and waits for one.
         let refused = tokio::join!(
+            async { edge.read(ACTIONS, "edge_north_e2", &east).await.is_err() },
+            async { edge.read(ACTIONS, "edge_east_e2", &east).await.is_err() },
             async { edge.send(&[message("north", "B", What::Action)]).await.is_err() },
             async { edge.write_lease(1, "0 edge".to_string()).await.is_err() },
             async { edge.read(WINDOWS, "thief", "").await.is_err() },
@@ -192,7 +216,7 @@ impl Roles {
             async { worker.last(SAMPLES, &samples).await.is_err() },
             async { worker.read(SAMPLES, "thief", "").await.is_err() },
         );
-        assert_eq!(refused, (true, true, true, true, true, true, true));
+        assert_eq!(refused, (true, true, true, true, true, true, true, true, true));
         // Nothing of it is there, and the links are as good as before.
         for (stream, name, what) in
             [(ACTIONS, "B", What::Action), (ACTIONS, "C", What::Action), (SAMPLES, "C", What::Samples)]

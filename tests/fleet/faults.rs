@@ -16,7 +16,7 @@ use std::ops::RangeInclusive;
 use std::thread::sleep;
 use std::time::Duration;
 use stictiond::demo::{Demo, Screen};
-use stictiond::fleet::streams::EVENTS;
+use stictiond::fleet::streams::ALARMS;
 
 /// Faults where nothing else is said.
 const ROUNDS: u64 = 3;
@@ -177,7 +177,7 @@ fn among_faults(mut parts: Parts, wire: &Wire, seed: u64, rounds: u64) -> (Fleet
     one.until("one centre acts and the other does not", patience, |one| refuses(one) != refuses(&other));
     edge.stop();
     one.until("people are told of all that a centre knows", patience, |_| {
-        wire.is_done(EVENTS, "centres_tell")
+        wire.is_done(ALARMS, "centres_tell")
     });
     [one, other].into_iter().for_each(Daemon::stop);
     drop(worker);

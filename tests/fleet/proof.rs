@@ -10,7 +10,7 @@ use std::net::SocketAddr;
 use std::ops::RangeInclusive;
 use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant, SystemTime};
-use stictiond::fleet::streams::{EVENTS, WINDOWS};
+use stictiond::fleet::streams::{ALARMS, WINDOWS};
 
 /// The site whose line is cut and whose edge is restarted.
 const SITE: &str = "north";
@@ -258,7 +258,7 @@ impl Proof {
         marks.iter().for_each(|mark| mark.reach(&centre, "c2", &self.wire, self.patience));
         edges.into_iter().for_each(Daemon::stop);
         centre.until("people are told of all that a centre knows", self.patience, |_| {
-            self.wire.is_done(EVENTS, "centres_tell")
+            self.wire.is_done(ALARMS, "centres_tell")
         });
         centre.stop();
         for mark in &marks {

@@ -5,7 +5,8 @@ use crate::rig::{Fleet, loops, newest, now, until_none};
 use crate::told::{changes, of_site, reports};
 use crate::wire::Wire;
 use std::time::Duration;
-use stictiond::fleet::streams::EVENTS;
+use stictiond::fleet::message::Progress;
+use stictiond::fleet::streams::{ALARMS, DIAGNOSES};
 use stictiond::fleet::subject::escaped;
 
 /// How far an edge had come at some moment: what it had by then a centre has to have, once.
@@ -36,13 +37,17 @@ impl Mark {
     pub fn reach(&self, centre: &Daemon, name: &str, wire: &Wire, patience: Duration) {
         until_none("what the edge found is forwarded", patience, || {
             let cursor = wire.cursor(&self.site);
-            let is_there =
-                cursor.is_some_and(|own| own.diagnosis >= self.diagnosis && own.change >= self.change);
+            let number = |own: Option<Progress>| own.map_or(0, |own| own.number);
+            let is_there = cursor.is_some_and(|own| {
+                number(own.diagnoses) >= self.diagnosis && number(own.changes) >= self.change
+            });
             if is_there { Vec::new() } else { vec![(cursor, self.diagnosis, self.change)] }
         });
-        let last = wire.last(EVENTS).expect("the hub is there");
         let reader = format!("centre_{}", escaped(name));
-        centre.until("what was forwarded is stored", patience, |_| wire.has_done(EVENTS, &reader, last));
+        for stream in [DIAGNOSES, ALARMS] {
+            let last = wire.last(stream).expect("the hub is there");
+            centre.until("what was forwarded is stored", patience, |_| wire.has_done(stream, &reader, last));
+        }
         let mut left: Vec<String> = loops(centre).into_keys().collect();
         left.retain(|id| of_site(id, &self.site).is_some());
         assert!(!left.is_empty(), "the centre has no loop of {}", self.site);

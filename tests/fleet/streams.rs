@@ -4,15 +4,15 @@ use crate::nats::Nats;
 use crate::rig::connected;
 use async_nats::jetstream::{self, stream};
 use std::time::Duration;
-use stictiond::fleet::link::{Link, Outgoing};
-use stictiond::fleet::streams::{EVENTS, LATEST, SAMPLES};
+use stictiond::fleet::link::{Incoming, Link, Outgoing, Reading};
+use stictiond::fleet::streams::{ALARMS, DIAGNOSES, LATEST, SAMPLES};
 use stictiond::fleet::subject::{Subject, What, all};
 
 /// Messages of 100 kB each, which are more than the streams of this test have room for.
 const MESSAGES: u64 = 15;
 const BYTES: usize = 100_000;
 /// What the streams may take.
-const ROOM: &str = "samples_mb = 1\nevents_mb = 1";
+const ROOM: &str = "samples_mb = 1\ndiagnoses_mb = 1\nalarms_mb = 1";
 
 fn message(what: What, number: u64) -> Outgoing {
     let mut body = vec![0; BYTES];
@@ -46,36 +46,79 @@ async fn of_samples_the_oldest_go() {
     assert_eq!((own.last_sequence, own.messages), (MESSAGES, MESSAGES + 1 - own.first_sequence));
 }
 
+/// The messages that were kept, as a reader gets them: all of them, in order.
+async fn all_of(reading: &mut Reading, kept: u64) -> Vec<Incoming> {
+    let count = usize::try_from(kept).expect("few");
+    let messages = reading.next(count, Duration::from_secs(30)).await.expect("the server is there");
+    let number = |body: &[u8]| u64::from_le_bytes(body[..8].try_into().expect("eight bytes"));
+    let numbers: Vec<u64> = messages.iter().map(|own| number(own.body())).collect();
+    assert_eq!(numbers, (0..kept).collect::<Vec<u64>>());
+    messages
+}
+
+async fn done(messages: &[Incoming]) {
+    for own in messages {
+        own.done().await.expect("the server is there");
+    }
+}
+
 #[tokio::test]
-async fn of_what_was_found_nothing_goes_and_what_is_new_waits_until_there_is_room() {
+async fn of_alarms_nothing_goes_and_what_is_new_waits_until_there_is_room() {
+    let hub = Nats::hub();
+    let link = connected(&hub, ROOM).await;
+    let kept = fill(&link, What::Alarm).await;
+    assert!((1..MESSAGES).contains(&kept), "{kept} were taken");
+    let own = state(&hub, ALARMS).await;
+    assert_eq!((own.first_sequence, own.messages), (1, kept));
+
+    // A centre, and whoever tells people.
+    let mut centre = link.read(ALARMS, "centre_c1", "").await.expect("the server is there");
+    let mut teller = link.read(ALARMS, "centres_tell", &all(None, What::Alarm)).await.expect("it is there");
+    let needed = ["centre_c1", "centres_tell"];
+    let has_room = async || {
+        link.purge_done(ALARMS, &needed).await.expect("the server is there");
+        // The very message that was refused.
+        link.send(&[message(What::Alarm, kept)]).await.is_ok()
+    };
+    done(&all_of(&mut centre, kept).await).await;
+    assert!(!has_room().await, "people are not told yet");
+    let told = all_of(&mut teller, kept).await;
+    done(&told[1..]).await;
+    assert!(!has_room().await, "the first is under way");
+    done(&told[..1]).await;
+    assert!(has_room().await);
+    let own = state(&hub, ALARMS).await;
+    assert_eq!((own.first_sequence, own.messages), (kept + 1, 1));
+    // Without a reader that has to be there nothing is deleted.
+    done(&centre.next(1, Duration::from_secs(30)).await.expect("the server is there")).await;
+    done(&teller.next(1, Duration::from_secs(30)).await.expect("the server is there")).await;
+    link.purge_done(ALARMS, &["centre_c2"]).await.expect("the server is there");
+    assert_eq!(state(&hub, ALARMS).await.messages, 1);
+}
+
+#[tokio::test]
+async fn a_centre_that_has_stopped_keeps_no_diagnoses_back_from_the_others() {
     let hub = Nats::hub();
     let link = connected(&hub, ROOM).await;
     let kept = fill(&link, What::Diagnosis).await;
     assert!((1..MESSAGES).contains(&kept), "{kept} were taken");
-    let own = state(&hub, EVENTS).await;
-    assert_eq!((own.first_sequence, own.messages), (1, kept));
+    // However many diagnoses there are, alarms have room of their own.
+    link.send(&[message(What::Alarm, 0)]).await.map_err(|(_, error)| error).expect("there is room");
 
-    // Two read: a centre what was found, and whoever tells people nothing but alarms, of which there is none.
-    let mut centre = link.read(EVENTS, "centre_c1", "").await.expect("the server is there");
-    link.read(EVENTS, "centres_tell", &all(None, What::Alarm)).await.expect("the server is there");
-    let messages = centre.next(usize::try_from(kept).expect("few"), Duration::from_secs(30)).await;
-    let messages = messages.expect("the server is there");
-    let number = |body: &[u8]| u64::from_le_bytes(body[..8].try_into().expect("eight bytes"));
-    let numbers: Vec<u64> = messages.iter().map(|own| number(own.body())).collect();
-    assert_eq!(numbers, (0..kept).collect::<Vec<u64>>(), "all of them, in order");
-    let last = messages.len() - 1;
-    for own in &messages[..last] {
-        own.done().await.expect("the server is there");
-    }
-    // One is under way, so that nothing is deleted yet.
-    link.purge_done(EVENTS, "centres_tell").await.expect("the server is there");
-    assert!(link.send(&[message(What::Diagnosis, kept)]).await.is_err(), "there is no room yet");
-    messages[last].done().await.expect("the server is there");
-    link.purge_done(EVENTS, "centres_tell").await.expect("the server is there");
-    // The very message that was refused.
+    let mut living = link.read(DIAGNOSES, "centre_c1", "").await.expect("the server is there");
+    link.read(DIAGNOSES, "centre_c2", "").await.expect("the server is there");
+    assert_eq!(link.make_room(DIAGNOSES, "centre_c1").await.expect("it is there"), [""; 0]);
+    done(&all_of(&mut living, kept).await).await;
+    link.purge_done(DIAGNOSES, &["centre_c1"]).await.expect("the server is there");
+    assert!(link.send(&[message(What::Diagnosis, kept)]).await.is_err(), "another has not read them");
+    assert_eq!(link.make_room(DIAGNOSES, "centre_c1").await.expect("it is there"), ["centre_c2"]);
     link.send(&[message(What::Diagnosis, kept)]).await.map_err(|(_, error)| error).expect("there is room");
-    let own = state(&hub, EVENTS).await;
+    let own = state(&hub, DIAGNOSES).await;
     assert_eq!((own.first_sequence, own.messages), (kept + 1, 1));
+    // Now there is room for a while, and nobody loses anything.
+    done(&living.next(1, Duration::from_secs(30)).await.expect("the server is there")).await;
+    assert_eq!(link.make_room(DIAGNOSES, "centre_c1").await.expect("it is there"), [""; 0]);
+    assert_eq!(state(&hub, DIAGNOSES).await.messages, 1);
 }
 
 #[tokio::test]

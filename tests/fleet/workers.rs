@@ -55,8 +55,13 @@ impl Job {
         Self { id: LoopId::new(id), record, basis }
     }
 
-    /// As an edge asks for it.
+    /// As an edge of the worker's version asks for it.
     fn message(&self) -> Outgoing {
+        self.of_version(env!("CARGO_PKG_VERSION"))
+    }
+
+    /// As an edge of this version asks for it.
+    fn of_version(&self, version: &str) -> Outgoing {
         let tags = basis::series(&self.record).map(|(tag, samples)| block(tag, "", samples)).collect();
         let window = Window {
             control_loop: self.id.to_string(),
@@ -65,6 +70,7 @@ impl Job {
             started: START,
             on_demand: false,
             answer_within_s: 600.0,
+            version: version.to_string(),
         };
         let subject = Subject::new(SITE, self.id.as_str(), What::Window).to_string();
         Outgoing::once(subject, window.encode_to_vec())
@@ -170,6 +176,10 @@ async fn a_window_that_is_sent_again_is_answered_once() {
     send(&link, one.message()).await;
     send(&link, other.message()).await;
     assert_eq!(next(&mut answers).await.window, other.key(), "it was answered again");
+    // Another version may say something else of the same window.
+    send(&link, other.of_version("9.9.9")).await;
+    let Answer { run, refused, .. } = next(&mut answers).await;
+    assert!(run.is_none() && refused.as_ref().is_some_and(|why| why.contains("9.9.9")), "{refused:?}");
     drop(worker);
     // What is answered is no longer asked for.
     let left = link.last(WINDOWS, &one.message().subject).await.expect("the server is there");

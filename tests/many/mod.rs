@@ -99,6 +99,7 @@ pub async fn served(
     let plan = Plan {
         jobs: Vec::new(),
         snapshot: Arc::new(|_| None),
+        silence: Arc::new(|_, _, _| None),
         settings: Settings::default(),
         follows: true,
         searched: Default::default(),
@@ -196,9 +197,11 @@ fn diagnosed(at: usize, id: LoopId, outcome: &'static str, report: Arc<str>) -> 
             report: Some(report),
             quality: "good".into(),
             doubtful: false,
+            fitted_until: None,
             effects: Vec::new(),
             structure: None,
             unexplained: None,
+            version: "0.1.0".into(),
         })),
     }
 }

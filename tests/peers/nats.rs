@@ -116,6 +116,15 @@ impl Nats {
         }
     }
 
+    /// Has it end by itself, with everything on its disk.
+    pub fn stop(&mut self) {
+        if let Some(mut process) = self.process.take() {
+            let asked = Command::new("kill").arg(process.id().to_string()).status();
+            assert!(asked.is_ok_and(|status| status.success()), "{}", self.log());
+            process.wait().expect("it ends");
+        }
+    }
+
     /// What it has said so far.
     pub fn log(&self) -> String {
         fs::read_to_string(self.folder.join("log")).unwrap_or_default()

@@ -3,7 +3,7 @@
 use stictiond::fleet::announcement::Heard;
 use stictiond::fleet::convert;
 use stictiond::fleet::message::{
-    Action, Alarm, Answer, Cursor, Diagnosis, Hello, HelloPart, Pulse, Run, Samples, Window,
+    Action, Alarm, Answer, Cursor, Diagnosis, Hello, HelloPart, Pulse, Run, Samples, States, Window,
 };
 use stictiond::fleet::ops::Watch;
 use stictiond::fleet::subject::{Subject, What};
@@ -61,6 +61,8 @@ pub fn run(bytes: &[u8]) {
         row(&run);
         let _ = model.map(|model| convert::model_row(&run.control_loop, &model));
     }
+    let states = read::<States>(bytes).map(|own| own.alarms).unwrap_or_default();
+    states.into_iter().for_each(|state| drop(convert::alarm_row(state)));
     if let Some(Alarm { state: Some(state), change, .. }) = read::<Alarm>(bytes) {
         let _ = change.map(|change| convert::change_row(&state.subject, &state.kind, &change));
         let _ = convert::alarm_row(state);

@@ -1,13 +1,14 @@
 //! What an edge tells people by itself: which changes of alarms it told, and of which a centre has heard. Pure. A change is known
 //! by what it is and not by its number in the store: that may be away while people have to be told.
 
-use super::teller::{Key, key};
+use super::teller::{Key, NEWS_S, key};
 use crate::alarm::{AlarmId, Kind, State};
 use crate::results::AlarmChange;
 use crate::signal::LoopId;
 use crate::store::TransitionRow;
 use std::collections::{HashSet, VecDeque};
 use std::sync::Arc;
+use std::time::Duration;
 
 /// Changes that are remembered: more than the log of changes has.
 const REMEMBERED: usize = 4096;
@@ -95,6 +96,12 @@ impl Alone {
     pub(super) fn so_far(&self, since: f64, holds: bool) -> Told {
         Told { heard: self.heard.clone(), told: self.told.clone(), since, holds }
     }
+}
+
+/// Since when changes are told here (s), by a process that has been `running` for so long: for a day at most. By the clock as it is
+/// `now`, because what it showed at the start says nothing once it was set.
+pub(super) fn told_since(now: f64, running: Duration) -> f64 {
+    now - running.as_secs_f64().min(NEWS_S)
 }
 
 /// What is known of changes while they are forwarded.
@@ -194,6 +201,19 @@ mod tests {
         assert_eq!(rows.each_ref().map(|row| told.is_told(row)), [false, true, false]);
         // Where nobody can be told, nothing waits for it.
         assert!(!alone.so_far(10.0, false).is_held(&row(&two)));
+    }
+
+    #[test]
+    fn an_edge_that_started_with_a_fast_clock_marks_what_is_forwarded_after_that_was_set_back() {
+        let minute = Duration::from_secs(60);
+        // It started by 10,000 s, was set back to 1,000 s after half a minute, and a change came then.
+        let new = change(1_010.0);
+        let alone = Alone::default();
+        let told = alone.so_far(told_since(1_030.0, minute), true);
+        assert!(told.is_of_now(&row(&new)) && told.is_held(&row(&new)));
+        // What was there before the start is not told here, and nothing of more than a day ago is.
+        assert!(!told.is_of_now(&row(&change(969.0))));
+        assert_eq!(told_since(1e6, 10_000 * minute), 1e6 - NEWS_S);
     }
 
     #[test]

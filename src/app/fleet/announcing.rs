@@ -1,5 +1,6 @@
 //! How an edge announces the list of its loops in parts, and which of them the stream has.
 
+use super::forward::{Came, ROUND_BYTES};
 use super::inventory::hello;
 use super::{Fleet, Scene};
 use crate::fleet::announcement;
@@ -110,19 +111,20 @@ impl Announcing {
 }
 
 impl Fleet {
-    /// Announces this edge in parts. Parts that the stream has are not sent again, so that a slow line gets through in the end.
+    /// Announces this edge in parts, of which as many as there is room for in one round. Parts that the stream has are not sent
+    /// again, so that a slow line gets through in the end.
     pub(super) async fn announce(
         &self,
         link: &Link,
         scene: &Arc<Scene>,
         announcing: &mut Announcing,
-    ) -> Result<(), LinkError> {
+    ) -> Result<Came, LinkError> {
         if let Some(subject) = announcing.doubted() {
             let last = link.last(LATEST, subject).await?;
             announcing.found(last.as_ref().map(|(_, body)| &body[..]));
         }
         if announcing.is_over(scene) {
-            return Ok(());
+            return Ok(Came::Whole);
         }
         let names = crate::app::devices_of(&scene.config).iter().map(LoopId::to_string).collect();
         let own = Subject::new(&self.site, &self.name, What::Hello);
@@ -134,11 +136,16 @@ impl Fleet {
                 "the centre does not know this edge's loops: their list is too large for it; divide them between two edges"
             );
             announcing.give_up(scene);
-            return Ok(());
+            return Ok(Came::Whole);
         }
         let parts = announcement::split(&own, &list);
         let kept = parts.first().map_or(0, |first| announcing.begin(first));
+        let mut bytes = 0;
         for part in parts.into_iter().skip(kept) {
+            if bytes >= ROUND_BYTES {
+                return Ok(Came::Part);
+            }
+            bytes += part.body.len();
             // The next part is sent once this one is kept, so that a centre that hears the last part finds all of them.
             match link.send(&[part]).await {
                 Err((_, LinkError::TooLarge(bytes))) => {
@@ -147,14 +154,14 @@ impl Fleet {
                         "the centre does not know this edge's loops: a part of their list is longer than the NATS servers take; raise their max_payload"
                     );
                     announcing.give_up(scene);
-                    return Ok(());
+                    return Ok(Came::Whole);
                 }
                 sent => sent.map_err(|(_, error)| error)?,
             }
             announcing.keep();
         }
         announcing.end(scene);
-        Ok(())
+        Ok(Came::Whole)
     }
 }
 

@@ -1,47 +1,42 @@
 //! A centre: has the loops of all edges, takes what they forward into its own rings, results and store, and passes on what
 //! people do about alarms. A message is acknowledged once what it brought is in the store.
 
+use super::claims::ranked;
 use super::forward::MOST_SAMPLES;
-use super::inventory::composed;
+use super::inventory::{Composed, composed};
 use super::lists::Lists;
-use super::order::{Early, Making, Order, Origin, Strange, patience};
-use super::orders::action;
+use super::order::{Early, Making, Order, Origin, Strange, announcement_patience, patience};
 use super::standing::reader;
-use super::{Fleet, PAUSE, check_rings, lock, window};
-use crate::alarm::{AlarmId, Cause};
-use crate::app::persistence::rows::{remembered_alarms, remembered_change, remembered_model};
+use super::{Fleet, PAUSE, check_rings, lock};
 use crate::app::{App, AppError};
 use crate::config::Config;
-use crate::fleet::convert;
-use crate::fleet::link::{Incoming, Link, LinkError, Outgoing, Reading};
-use crate::fleet::message::{Alarm, Diagnosis, Samples};
-use crate::fleet::streams::{EVENTS, LATEST, SAMPLES};
-use crate::fleet::subject::{self, Subject, What, all, of_site};
+use crate::fleet::link::{Incoming, Link, LinkError, Mark, Reading};
+use crate::fleet::message::Samples;
+use crate::fleet::ops::LOG;
+use crate::fleet::streams::{ALARMS, DIAGNOSES, LATEST, SAMPLES};
+use crate::fleet::subject::{Subject, What, all, of_site};
 use crate::fleet::weights;
 use crate::history::{History, TagKind};
-use crate::results::{AlarmChange, RestoredAlarm};
-use crate::serve::AskDurable;
 use crate::signal::{LoopId, Role, Sample};
-use crate::store::{AlarmRow, codec};
+use crate::store::codec;
 use futures::FutureExt;
 use futures::future::BoxFuture;
-use prost::Message;
 use std::collections::HashMap;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
+use tokio::sync::{RwLock, RwLockReadGuard};
 
 /// Messages that are taken in one go, and made durable together.
-const MOST: usize = 256;
+pub(super) const MOST: usize = 256;
 /// Longest wait for the first of them.
-const WAIT: Duration = Duration::from_secs(1);
+pub(super) const WAIT: Duration = Duration::from_secs(1);
 /// A message of a loop that is not known yet is looked at again after this time.
 const UNKNOWN: Duration = Duration::from_secs(2);
 /// How long what edges say of themselves is gathered before loops are added.
 const GATHER: Duration = Duration::from_millis(500);
-
-/// Longest wait for an order to be kept: longer than one answer of the server takes.
-const PATIENCE: Duration = Duration::from_secs(5);
+/// How often it is looked whether edges have stopped, or are forgotten.
+const LOOK: Duration = Duration::from_secs(5);
 
 /// What became of a message of samples.
 enum Block {
@@ -51,21 +46,22 @@ enum Block {
     Early,
 }
 
-/// The latest message that was taken of each loop, or of each alarm, by the stream's numbers.
+/// The latest message that was taken of each loop, or of each alarm, in the order of the stream.
 #[derive(Default)]
-struct Taken(HashMap<String, u64>);
+pub(super) struct Taken(HashMap<String, Mark>);
 
 impl Taken {
-    /// Whether this message or a later one was taken already. If not, it counts as taken from now on.
-    fn is_past(&mut self, of: &str, sequence: u64) -> bool {
+    /// Whether this message or a later one was taken already. If not, it counts as taken from now on. A server that has lost its
+    /// last messages uses their numbers again: what it took later than the last one is no older, whatever its number is.
+    pub(super) fn is_past(&mut self, of: &str, (sequence, at): Mark) -> bool {
         match self.0.get_mut(of) {
-            Some(last) if sequence <= *last => true,
+            Some(last) if sequence <= last.0 && at <= last.1 => true,
             Some(last) => {
-                *last = sequence;
+                *last = (sequence, at);
                 false
             }
             None => {
-                self.0.insert(of.to_string(), sequence);
+                self.0.insert(of.to_string(), (sequence, at));
                 false
             }
         }
@@ -87,7 +83,13 @@ impl Fleet {
             stop.run_until_cancelled(self.inventory(link, app)),
             stop.run_until_cancelled(async {
                 self.loops_are_known().await;
-                tokio::join!(self.take_samples(link, app), self.take_events(link, app));
+                // Each by itself: what is many or large keeps no alarm waiting.
+                tokio::join!(
+                    self.take_samples(link, app),
+                    self.take_events(link, app, ALARMS),
+                    self.take_events(link, app, DIAGNOSES),
+                    self.take_states(link),
+                );
             }),
             stop.run_until_cancelled(self.leading(link)),
             self.telling(link, &stop),
@@ -102,11 +104,13 @@ impl Fleet {
             return Ok(base);
         }
         check_rings(&base).map_err(AppError::Fleet)?;
+        let signs = self.signs();
         let edges = lock(&self.edges);
-        let (config, left) = composed(&base, &edges);
-        for left in left {
+        let Composed { config, claims, left } = composed(&base, &ranked(&edges, &signs));
+        for left in left.into_iter().chain(claims.remarks()) {
             tracing::warn!("{left}");
         }
+        *lock(&self.claims) = claims;
         Ok(config)
     }
 
@@ -120,7 +124,7 @@ impl Fleet {
     /// Follows the announcements of edges: a list of loops is fetched once its last part has come.
     async fn inventory(&self, link: &Link, app: &App) {
         // Whether an edge has loops that are not in force yet.
-        let mut is_new = false;
+        let (mut is_new, mut looked) = (false, self.clock.elapsed());
         let mut lists = Lists::default();
         loop {
             let mut reading = match link.follow(LATEST, &all(None, What::Hello)).await {
@@ -134,21 +138,28 @@ impl Fleet {
                 if !lists.is_full() {
                     match reading.next(MOST, GATHER).await {
                         // The messages are dropped before the first list is fetched, so that both are not held at once.
-                        Ok(heard) => heard.iter().for_each(|own| lists.hear(own.subject(), own.bytes())),
+                        Ok(heard) => heard.iter().for_each(|own| self.hear_part(own, &mut lists)),
                         Err(error) => break self.rest(&error, "what edges are is not heard").await,
                     }
                 }
                 self.unsettle(&lists);
                 let (is_changed, fetched) = self.fetch_lists(link, &mut lists).await;
                 is_new |= is_changed;
-                if is_new {
+                if self.clock.elapsed().saturating_sub(looked) >= LOOK {
+                    looked = self.clock.elapsed();
+                    is_new |= self.are_claims_outdated();
+                }
+                // Until every machine was heard that the stream has, one that has stopped would count as being there: its loops would
+                // be taken from it, and what another edge of the site says of them would be left out.
+                let is_watched = self.signs().now.is_some();
+                if is_new && is_watched {
                     match app.take(None).await {
                         Ok(()) => is_new = false,
                         Err(error) => tracing::error!(%error, "the loops of the edges cannot be taken"),
                     }
                 }
                 // Until the reading has caught up, the stream may have lists that were not heard yet.
-                if !is_new && reading.has_caught_up() {
+                if !is_new && is_watched && reading.has_caught_up() {
                     self.settle_sites(&lists);
                 }
                 if let Err(error) = fetched {
@@ -178,16 +189,18 @@ impl Fleet {
                     Ok(messages) => messages,
                     Err(error) => break self.rest(&error, "no samples are taken").await,
                 };
-                let _taking = self.taking.read().await;
-                let history = self.scene.borrow().history.clone();
+                let mut guard = self.taking.read().await;
+                let mut history = self.scene.borrow().history.clone();
                 let (mut done, mut pushed) = (Vec::new(), 0);
                 for message in messages {
-                    self.lag(message.taken_at().map_or(0.0, |taken| self.clock.now() - taken));
-                    if !self.is_next(&message, &mut order) {
+                    self.lag(message.taken_at().map_or(0.0, |taken| self.server_now() - taken));
+                    let own = (message.subject(), message.sequence());
+                    if !early.is_next(&mut order, own, self.clock.elapsed()) {
                         self.put_off(&message, &mut order).await;
                         continue;
                     }
-                    match self.take_block(&message, &history, (&mut taken, &mut early, &mut strange)) {
+                    let known = (&mut taken, &mut early, &mut strange);
+                    match self.take_block(&message, &history, &order, known) {
                         Some(Block::Taken(count)) => {
                             pushed += count;
                             order.taken(message.subject(), message.sequence());
@@ -198,11 +211,17 @@ impl Fleet {
                     }
                     // No ring may go round before the store has read it.
                     if pushed > self.scene.borrow().config.history.samples_per_tag / 2 {
-                        self.settle(app, std::mem::take(&mut done), &mut order).await;
-                        pushed = 0;
+                        let (again, blocked) = self.settle(app, guard, std::mem::take(&mut done)).await;
+                        guard = again;
+                        order.stood_still(blocked);
+                        early.stood_still(blocked);
+                        // The rings may have been replaced meanwhile.
+                        (history, pushed) = (self.scene.borrow().history.clone(), 0);
                     }
                 }
-                self.settle(app, done, &mut order).await;
+                let (_guard, blocked) = self.settle(app, guard, done).await;
+                order.stood_still(blocked);
+                early.stood_still(blocked);
             }
         }
     }
@@ -212,6 +231,7 @@ impl Fleet {
         &self,
         message: &Incoming,
         history: &History,
+        order: &Order,
         (taken, early, strange): (&mut Taken, &mut Early, &mut Strange),
     ) -> Option<Block> {
         let own = Subject::read(message.subject())?;
@@ -220,19 +240,27 @@ impl Fleet {
         let Some(mut samples) = weights::read::<Samples>(message.subject(), message.bytes()) else {
             return Some(Block::Taken(0));
         };
+        if self.is_foreign(id.as_str(), &samples.edge, message) {
+            return Some(Block::Taken(0));
+        }
         // A ring has the samples of one source: what the edge says of its tags may come after them, or before what is older.
         let (specs, now, mut waits) = (history.latest(&id), self.clock.elapsed(), false);
+        let patience = || announcement_patience(order.waiting(), self.in_force_for(&own.site));
         samples.tags.retain(|tag| {
+            if TagKind::named(&tag.tag) == TagKind::Role(Role::Term) {
+                // No list has it.
+                return false;
+            }
             let spec = specs.iter().find(|(spec, _)| spec.kind.name() == tag.tag);
-            let Some((spec, _)) = spec else { return true };
-            let sources = (tag.source.as_str(), spec.source.as_str());
-            let origin = strange.origin((message.subject(), tag.tag.as_str()), sources, now);
+            let sources = (tag.source.as_str(), spec.map(|(spec, _)| spec.source.as_str()));
+            let wait = if sources.1 == Some(sources.0) { Duration::ZERO } else { patience() };
+            let origin = strange.origin((message.subject(), tag.tag.as_str()), sources, (wait, now));
             if origin == Origin::GivenUp {
                 tracing::warn!(
                     control_loop = %id,
                     tag = tag.tag,
                     source = tag.source,
-                    "samples are left out: their edge says that it reads this tag elsewhere"
+                    "samples are left out: their edge does not say that it has this tag, or says that it reads it elsewhere"
                 );
             }
             waits |= origin == Origin::Waits;
@@ -248,14 +276,14 @@ impl Fleet {
             let last = ring(&tag.tag).and_then(|ring| ring.latest());
             last.zip(tag.after).is_some_and(|(last, after)| last.t < after)
         });
-        if is_early && early.waits(message.subject(), message.sequence(), now) {
+        if is_early && early.waits(message.subject(), now) {
             return Some(Block::Early);
         }
         if is_early {
             tracing::warn!(control_loop = %id, "samples are missing: they did not come, so they may have been deleted from the stream");
         }
         early.end(message.subject());
-        let again = taken.is_past(id.as_str(), message.sequence());
+        let again = taken.is_past(id.as_str(), message.mark());
         let mut most = 0;
         for tag in samples.tags {
             let Some(ring) = ring(&tag.tag) else { continue };
@@ -274,94 +302,28 @@ impl Fleet {
         Some(Block::Taken(most))
     }
 
-    async fn take_events(&self, link: &Link, app: &App) {
-        let (name, mut making) = (reader(&self.name), Making::default());
-        let (mut taken, mut order) = (Taken::default(), Order::default());
-        loop {
-            let (mut reading, made) = match begin(link, EVENTS, (name.as_str(), "")).await {
-                Ok(begun) => begun,
-                Err(error) => {
-                    self.rest(&error, "no diagnoses and alarms are taken").await;
-                    continue;
-                }
-            };
-            if making.is_another(made) {
-                (taken, order) = (Taken::default(), Order::default());
-                self.looked_at.send_replace(0);
-            }
-            self.looked_at.send_modify(|known| *known = reading.done_before().max(*known));
-            loop {
-                let messages = match reading.next(MOST, WAIT).await {
-                    Ok(messages) => messages,
-                    Err(error) => break self.rest(&error, "no diagnoses and alarms are taken").await,
-                };
-                let _taking = self.taking.read().await;
-                let mut done = Vec::new();
-                let last = messages.last().map_or(0, Incoming::sequence);
-                for message in messages {
-                    if !self.is_next(&message, &mut order) {
-                        self.put_off(&message, &mut order).await;
-                        continue;
-                    }
-                    match self.take_event(&message, &mut taken, made) {
-                        Some(()) => {
-                            order.taken(message.subject(), message.sequence());
-                            done.push(message);
-                        }
-                        None => self.later(&message, &mut order).await,
-                    }
-                }
-                self.looked_at.send_modify(|known| *known = last.max(*known));
-                self.settle(app, done, &mut order).await;
-            }
+    /// Takes a message of an announcement.
+    fn hear_part(&self, message: &Incoming, lists: &mut Lists) {
+        let at = message.taken_at().unwrap_or_else(|| self.server_now());
+        if let Some(edge) = lists.hear(message.subject(), message.bytes(), at) {
+            self.renew(&edge, at);
         }
     }
 
-    /// Takes a diagnosis or a change of an alarm, from the stream that was made then; `None` where its loop is not known.
-    fn take_event(&self, message: &Incoming, taken: &mut Taken, made: i128) -> Option<()> {
-        let own = Subject::read(message.subject())?;
-        let id = LoopId::new(of_site(&own.site, &own.name));
-        match own.what {
-            What::Diagnosis => {
-                self.results.summaries(&id)?;
-                let read = weights::read::<Diagnosis>(message.subject(), message.bytes());
-                let Some(Diagnosis { run, model, .. }) = read else { return Some(()) };
-                let Some(run) = run else {
-                    weights::refuse(message.subject(), "it has no diagnosis");
-                    return Some(());
-                };
-                let model = model.map(|model| remembered_model(&convert::model_row(id.as_str(), &model)));
-                if let Some(run) = window::run(id, &run)
-                    && self.results.learn(run, model, self.clock.now())
-                {
-                    self.diagnosed.fetch_add(1, Relaxed);
-                }
-            }
-            What::Alarm => {
-                let Some((kept, change)) = alarm(&id, message) else { return Some(()) };
-                if let Some(change) = &change {
-                    self.firsts.note(change, (made, message.sequence()));
-                }
-                if !change.as_ref().is_some_and(is_forgotten) && !self.is_known(&kept.id) {
-                    return None;
-                }
-                // Else it is known how it stands since then.
-                if !taken.is_past(&kept.id.to_string(), message.sequence()) {
-                    self.results.follow_alarm(kept, change, self.clock.now());
-                }
-            }
-            _ => {}
+    /// Whether what `edge` says of a loop or collector is left out because another edge has that, too; then it is counted.
+    pub(super) fn is_foreign(&self, id: &str, edge: &str, message: &Incoming) -> bool {
+        let is_foreign = lock(&self.claims).is_foreign(id, edge, message.taken_at());
+        if is_foreign {
+            self.left_out.fetch_add(1, Relaxed);
+            tracing::warn!(target: LOG, id, edge, "a message is left out: this is taken from another edge of the site");
         }
-        Some(())
+        is_foreign
     }
 
-    /// Whether an edge has the loop or collector of an alarm, whatever its kind: one that is switched off here is not shown, and
-    /// nothing waits for it.
-    pub(super) fn is_known(&self, id: &AlarmId) -> bool {
-        match id.of_loop() {
-            Some(id) => self.results.summaries(id).is_some(),
-            None => self.scene.borrow().config.forwarded.iter().any(|name| name == id.subject.as_str()),
-        }
+    /// For how long all that the edges of a site say has been in force.
+    fn in_force_for(&self, site: &str) -> Option<Duration> {
+        let since = lock(&self.in_force).get(site).copied()?;
+        Some(self.clock.elapsed().saturating_sub(since))
     }
 
     /// Whether a message need not wait for an earlier one of its subject.
@@ -375,68 +337,64 @@ impl Fleet {
         message.again(UNKNOWN).await;
     }
 
+    /// Whether the loop of a message, which is not known, may still become known: that is waited for, but for `most` at most.
+    pub(super) fn may_be_known(&self, message: &Incoming, order: &mut Order, most: Duration) -> bool {
+        let site = Subject::read(message.subject()).map(|own| own.site);
+        let in_force = site.as_ref().and_then(|site| self.in_force_for(site));
+        let unknown_site = site.as_deref().filter(|_| in_force.is_none());
+        let unknown_for = order.unknown_for(message.subject(), unknown_site, self.clock.elapsed());
+        unknown_for < patience(order.waiting(), in_force).min(most)
+    }
+
     /// Leaves a message of a loop that is not known for later, or for good where it has waited for long.
     pub(super) async fn later(&self, message: &Incoming, order: &mut Order) {
-        let now = self.clock.elapsed();
-        let site = Subject::read(message.subject()).map(|own| own.site);
-        let in_force = site.as_ref().and_then(|site| {
-            let all = lock(&self.in_force);
-            all.get(site).map(|since| now.saturating_sub(*since))
-        });
-        let unknown_site = site.as_deref().filter(|_| in_force.is_none());
-        if order.unknown_for(message.subject(), unknown_site, now) < patience(order.waiting(), in_force) {
+        if self.may_be_known(message, order, Duration::MAX) {
             return self.put_off(message, order).await;
         }
         order.end(message.subject(), message.sequence());
-        tracing::warn!(subject = message.subject(), "a message of a loop that no edge has is dropped");
+        self.left_out.fetch_add(1, Relaxed);
+        tracing::warn!(
+            subject = message.subject(),
+            "a message is left out: no edge has announced its loop, or the list of its edge is too large or cannot be taken whole"
+        );
         let _ = message.done().await;
     }
 
-    /// Makes durable what was taken, however long that takes, and acknowledges it.
-    async fn settle(&self, app: &App, done: Vec<Incoming>, order: &mut Order) {
+    /// Makes durable what was taken, however long that takes, and acknowledges it. Returns how long nothing was read for that.
+    pub(super) async fn settle<'f>(
+        &'f self,
+        app: &App,
+        guard: RwLockReadGuard<'f, ()>,
+        done: Vec<Incoming>,
+    ) -> (RwLockReadGuard<'f, ()>, Duration) {
         if done.is_empty() {
-            return;
+            return (guard, Duration::ZERO);
         }
         let begun = self.clock.elapsed();
-        while !self.is_durable(app).await {
-            tracing::warn!("the store fails: what edges forward stays in the streams");
-            tokio::time::sleep(PAUSE).await;
-        }
+        let guard = until_durable(&self.taking, guard, || self.is_durable(app)).await;
         let acknowledged: Vec<BoxFuture<'_, _>> = done.iter().map(|own| own.done().boxed()).collect();
         let results: Vec<Result<(), LinkError>> = futures::future::join_all(acknowledged).await;
         if let Some(error) = results.into_iter().find_map(Result::err) {
             tracing::debug!(%error, "what is stored comes again");
         }
-        order.stood_still(self.clock.elapsed().saturating_sub(begun));
+        (guard, self.clock.elapsed().saturating_sub(begun))
     }
+}
 
-    /// Passes on what people want done about alarms.
-    async fn pass_on(&self, link: &Link) {
-        let mut wanted = self.wanted.lock().await;
-        while let Some((own, epoch)) = wanted.recv().await {
-            let subject = own.id.subject.to_string();
-            let mut kept = false;
-            if let Some((site, name)) = subject::split(&subject) {
-                let to = Subject::new(site, name, What::Action).to_string();
-                let message = [Outgoing::once(to, action(own, name, epoch).encode_to_vec())];
-                let sending = async {
-                    while let Err((_, error)) = link.send(&message).await {
-                        self.rest(&error, "an order waits").await;
-                    }
-                };
-                kept = tokio::time::timeout(PATIENCE, sending).await.is_ok();
-                if !kept {
-                    tracing::error!(subject, "an order is given up: the streams do not take it");
-                }
-            }
-            self.orders_waiting.end(kept);
-        }
+/// Asks until what was taken is durable. While the store fails, the guard is given back in between: rings are replaced all the
+/// same, and the old ones wait for the store.
+async fn until_durable<'g, F: Future<Output = bool>>(
+    taking: &'g RwLock<()>,
+    mut guard: RwLockReadGuard<'g, ()>,
+    is_durable: impl Fn() -> F,
+) -> RwLockReadGuard<'g, ()> {
+    while !is_durable().await {
+        tracing::warn!("the store fails: what edges forward stays in the streams");
+        drop(guard);
+        tokio::time::sleep(PAUSE).await;
+        guard = taking.read().await;
     }
-
-    /// Waits for orders of people to be in the streams too, where this is a centre.
-    pub(in crate::app) fn with_orders(self: Arc<Self>, durable: AskDurable) -> AskDurable {
-        Arc::new(move || self.orders_waiting.are_kept(PATIENCE) && durable())
-    }
+    guard
 }
 
 /// What a stream has for us, and when that was made. Asked in this order: what is read is of that stream, or of none that is there
@@ -454,20 +412,35 @@ pub(super) async fn begin(
     Ok((reading, made))
 }
 
-/// Whether a change ends the alarm of a loop or collector that its edge has no more.
-pub(super) fn is_forgotten(change: &AlarmChange) -> bool {
-    change.transition.cause == Cause::Forgotten
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::AtomicBool;
 
-/// An alarm as its edge has it, and what happened to it, by a message of the loop or collector `id`.
-pub(super) fn alarm(id: &LoopId, message: &Incoming) -> Option<(RestoredAlarm, Option<AlarmChange>)> {
-    let read = weights::read::<Alarm>(message.subject(), message.bytes());
-    let Alarm { state: Some(state), change, told, .. } = read? else {
-        weights::refuse(message.subject(), "it has no state of an alarm");
-        return None;
-    };
-    let row = AlarmRow { control_loop: id.to_string(), ..convert::alarm_row(state) };
-    let change = change.map(|change| convert::change_row(id.as_str(), &row.kind, &change));
-    let change = change.and_then(remembered_change).map(|change| AlarmChange { told, ..change });
-    Some((remembered_alarms(vec![row]).pop()?, change))
+    #[test]
+    fn a_number_that_a_server_uses_again_is_another_message() {
+        let mut taken = Taken::default();
+        assert!(!taken.is_past("a", (7, 100)) && !taken.is_past("a", (9, 120)));
+        assert!(taken.is_past("a", (9, 120)) && taken.is_past("a", (7, 100)), "they come again");
+        // It has lost 8 and 9.
+        assert!(!taken.is_past("a", (8, 500)) && taken.is_past("a", (8, 500)));
+        assert!(!taken.is_past("a", (9, 510)));
+        assert!(!taken.is_past("a", (10, 400)), "its clock was set back");
+        assert!(!taken.is_past("b", (1, 1)));
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn rings_are_replaced_while_the_store_fails() {
+        let (taking, is_replaced) = (RwLock::new(()), AtomicBool::new(false));
+        let flag = &is_replaced;
+        let settling = until_durable(&taking, taking.read().await, || async move { flag.load(Relaxed) });
+        // The store works again once that is done, and not before.
+        let replacing = async {
+            let _paused = taking.write().await;
+            is_replaced.store(true, Relaxed);
+        };
+        let both = async { tokio::join!(settling, replacing) };
+        let (_guard, ()) = tokio::time::timeout(10 * PAUSE, both).await.expect("nobody waits for the other");
+        assert!(taking.try_write().is_err(), "what is taken next is taken with the guard");
+    }
 }

@@ -1,17 +1,19 @@
 //! An edge: forwards what it measured and found, hears what the centre wants, and tells people by itself while it reaches no
 //! centre.
 
-use super::alone::Alone;
+use super::alone::{Alone, Told, told_since};
 use super::announcing::Announcing;
-use super::forward::Forward;
+use super::centre::Taken;
+use super::forward::{Came, Forward};
+use super::found::Found;
 use super::order::Making;
-use super::orders::read_action;
+use super::orders::{late_s, read_action};
 use super::teller::NEWS_S;
-use super::{Fleet, PAUSE};
+use super::{Fleet, PAUSE, Scene};
 use crate::alarm::{AlarmId, Cause};
 use crate::app::App;
 use crate::fleet::lease::Seen;
-use crate::fleet::link::{Link, LinkError};
+use crate::fleet::link::{Incoming, Link, LinkError};
 use crate::fleet::message::Action;
 use crate::fleet::streams::ACTIONS;
 use crate::fleet::subject::{What, all, escaped};
@@ -54,92 +56,131 @@ impl Fleet {
 
     async fn forwarding(&self, link: &Link) {
         let Some(store) = self.scene.borrow().config.store.clone() else { return };
-        let mut forward = Forward::new(&self.site, &self.name);
-        // The lease as it was seen last, and when that was new.
-        let mut seen: Option<(Seen, Duration)> = None;
-        // How far our announcement has come; since when nothing is forwarded, or the store cannot be read.
-        let (mut announcing, mut unheard_since) = (Announcing::default(), None::<Duration>);
-        let (mut known, mut handed) = (Alone::default(), Handed::new());
-        // There was no lease at the last look.
-        let mut gone = false;
-        let mut done = self.clock.elapsed();
+        let mut own = Forwarding::new(&self.site, &self.name, self.clock.elapsed());
         loop {
             let scene = self.scene.borrow().clone();
             self.asking.keep(writing(&scene.config));
+            own.watch(&scene);
             let now = self.clock.elapsed();
-            match link.lease().await {
-                Ok(lease) => {
-                    let before = seen.as_ref().map(|(before, _)| before);
-                    let is_new = lease.is_some() && before != lease.as_ref();
-                    let is_anew = before.is_some_and(|before| {
-                        lease.as_ref().map_or(!gone, |lease| lease.is_of_another_stream(before))
-                    });
-                    gone = lease.is_none();
-                    // The first that is seen may be from long ago.
-                    known.looked(is_new && before.is_some() && !is_anew);
-                    if is_anew {
-                        // What the streams had is lost, and their numbers say nothing any more.
-                        known.lost();
-                        announcing.lost();
-                        forward.forget();
-                    }
-                    if let Some(lease) = lease {
-                        if is_anew {
-                            self.epoch.store(lease.epoch(), Relaxed);
-                        }
-                        self.epoch.fetch_max(lease.epoch(), Relaxed);
-                        if is_new {
-                            seen = Some((lease, now));
-                        }
-                    }
-                }
+            let lease = link.lease().await;
+            let answers = lease.is_ok();
+            match lease {
+                Ok(lease) => self.look_at(lease, now, &mut own),
                 Err(error) => {
-                    announcing.doubt();
+                    // The streams may be others when the server is there again, or have lost their last messages.
+                    own.forward.forget();
+                    own.doubt();
                     tracing::debug!(%error, "the lease cannot be looked at");
                 }
             }
-            let silent = now.saturating_sub(seen.as_ref().map_or(Duration::ZERO, |(_, since)| *since));
-            // While nothing is forwarded no centre hears of an alarm either, whatever lease there is.
-            let unheard = unheard_since.map_or(Duration::ZERO, |since| now.saturating_sub(since));
-            let alone = self.is_alone(silent.max(unheard));
+            let alone = self.is_alone(own.unheard_for(now));
             if alone {
                 // Before it is forwarded, so that what is told here is marked as told.
-                self.tell(&mut known, &mut handed).await;
-            } else if !handed.is_empty() {
+                self.tell(&mut own.known, &mut own.handed).await;
+            } else if !own.handed.is_empty() {
                 // Also what receivers have by now; of what they still have not the centre tells people.
-                self.note_kept(&mut known, &mut handed).await;
-                handed.clear();
+                self.note_kept(&mut own.known, &mut own.handed).await;
+                own.handed.clear();
             }
             let holds = alone && {
                 // Receivers are not replaced meanwhile.
                 let _receivers = self.receivers.read().await;
                 self.outlet.is_heard()
             };
-            let told = known.so_far(self.since.max(self.clock.now() - NEWS_S), holds);
-            let round = async {
-                self.announce(link, &scene, &mut announcing).await?;
-                let more = forward.samples(link, &scene.history, &store).await?;
-                Ok::<_, LinkError>(forward.events(link, &store, told).await? || more)
-            };
-            let round = round.await;
-            let failed = round.is_err();
-            let pause = match round {
-                Ok(more) => {
-                    done = if more { done } else { self.clock.elapsed() };
-                    if more { Duration::ZERO } else { Duration::from_secs_f64(self.config.forward_s) }
-                }
-                Err(error) => {
-                    tracing::warn!(%error, "nothing is forwarded: it waits in the store");
-                    // The streams may be others when they are there again.
-                    announcing.doubt();
-                    forward.forget();
-                    PAUSE
-                }
-            };
-            known.forwarded(forward.forwarded());
-            unheard_since = (failed || forward.is_unread()).then(|| unheard_since.unwrap_or(now));
-            self.lag(self.clock.elapsed().saturating_sub(done).as_secs_f64());
+            let told = own.known.so_far(told_since(self.clock.now(), self.clock.elapsed()), holds);
+            let pause = self.round(link, (&scene, &store), &mut own, (told, answers)).await;
+            self.lag(self.clock.elapsed().saturating_sub(own.done).as_secs_f64());
             tokio::time::sleep(pause).await;
+        }
+    }
+
+    /// Takes the lease as it was looked at.
+    fn look_at(&self, lease: Option<Seen>, now: Duration, own: &mut Forwarding) {
+        let before = own.seen.as_ref().map(|(before, _)| before);
+        let is_new = lease.is_some() && before != lease.as_ref();
+        let is_anew = before.is_some_and(|before| {
+            lease.as_ref().map_or(!own.gone, |lease| lease.is_of_another_stream(before))
+        });
+        own.gone = lease.is_none();
+        // The first that is seen may be from long ago.
+        own.known.looked(is_new && before.is_some() && !is_anew);
+        if is_anew {
+            // What the streams had is lost, and their numbers say nothing any more.
+            own.known.lost();
+            own.announcing.lost();
+            own.forward.forget();
+            own.found.doubt();
+        }
+        if let Some(lease) = lease {
+            if is_anew {
+                self.epoch.store(lease.epoch(), Relaxed);
+            }
+            self.epoch.fetch_max(lease.epoch(), Relaxed);
+            if is_new {
+                own.seen = Some((lease, now));
+            }
+        }
+    }
+
+    /// Forwards what is new, alarms first: they never wait for anything else. `answers`: the server has just answered. How long to
+    /// wait until the next round.
+    async fn round(
+        &self,
+        link: &Link,
+        (scene, store): (&Arc<Scene>, &crate::store::Config),
+        own: &mut Forwarding,
+        (told, answers): (Told, bool),
+    ) -> Duration {
+        let now = self.clock.elapsed();
+        let alarms = async {
+            let changes = own.found.alarms(link, store, told, now).await?;
+            if changes == Came::Part {
+                return Ok(None);
+            }
+            // A long list takes several rounds, and no alarm waits for it.
+            let list = self.announce(link, scene, &mut own.announcing).await?;
+            Ok::<_, LinkError>(Some([changes, list, own.found.states(link, store).await?]))
+        };
+        let alarms = alarms.await;
+        own.known.forwarded(own.found.forwarded());
+        // While alarms are not forwarded no centre hears of one, whatever lease there is. Nobody waits for the rest.
+        let unheard = alarms.is_err() || own.found.is_unread();
+        own.unheard_since = unheard.then(|| own.unheard_since.unwrap_or(now));
+        let (mut came, mut failed) = (Vec::new(), None);
+        match alarms {
+            Ok(Some(some)) => came.extend(some),
+            // Nothing else is forwarded before the other changes of alarms.
+            Ok(None) => return Duration::ZERO,
+            Err(error) => failed = Some(("alarms", error)),
+        }
+        // A line that is dead without a reset takes 5 s for each question, so a server that is silent is asked nothing more.
+        if answers && (failed.is_none() || is_heard(link).await) {
+            match own.found.diagnoses(link, store, now).await {
+                Ok(some) => came.push(some),
+                Err(error) => failed = failed.or(Some(("diagnoses", error))),
+            }
+            if failed.is_none() || is_heard(link).await {
+                match own.forward.samples(link, &scene.history, store).await {
+                    Ok(some) => came.push(some),
+                    Err(error) => failed = failed.or(Some(("samples", error))),
+                }
+            }
+        }
+        if let Some((what, error)) = failed {
+            tracing::warn!(%error, what, "this is not forwarded: it waits in the store");
+            own.doubt();
+            return PAUSE;
+        }
+        if !answers {
+            return PAUSE;
+        }
+        if came.iter().all(|own| *own == Came::Whole) {
+            own.done = self.clock.elapsed();
+        }
+        if came.contains(&Came::Part) {
+            Duration::ZERO
+        } else {
+            Duration::from_secs_f64(self.config.forward_s)
         }
     }
 
@@ -208,7 +249,7 @@ impl Fleet {
         let reader = format!("edge_{}_{}", self.site, escaped(&self.name));
         let filter = all(Some(&self.site), What::Action);
         // Of one that comes again although it was done nothing is done.
-        let (mut last, mut making) = (0, Making::default());
+        let (mut taken, mut making) = (Taken::default(), Making::default());
         let mut obeyed = Obeyed::default();
         loop {
             let mut reading = match link.read(ACTIONS, &reader, &filter).await {
@@ -221,12 +262,22 @@ impl Fleet {
             };
             if making.is_another(reading.made()) {
                 // The stream may be another, and count from 1 again.
-                last = 0;
+                taken = Taken::default();
             }
             while let Ok(orders) = reading.next(ORDERS, Duration::from_secs(2)).await {
-                let new: Vec<_> = orders.iter().filter(|order| order.sequence() > last).collect();
+                // Orders are aged by the server's clock alone. After a long cut the stamps of the orders themselves are too old to
+                // show it.
+                if !orders.is_empty()
+                    && let Err(error) = self.ask_server(link).await
+                {
+                    // All of them come again, in their order, to another reading.
+                    self.rest(&error, "orders wait: the server does not say what time it is").await;
+                    break;
+                }
+                let is_new = |order: &&Incoming| !taken.is_past(&filter, order.mark());
+                let new: Vec<&Incoming> = orders.iter().filter(is_new).collect();
+                new.iter().filter_map(|order| order.taken_at()).for_each(|at| self.hear_server(at));
                 for order in &new {
-                    last = order.sequence().max(last);
                     match weights::read::<Action>(order.subject(), order.bytes()) {
                         Some(action) if action.epoch < self.epoch.fetch_max(action.epoch, Relaxed) => {
                             tracing::warn!(
@@ -234,7 +285,9 @@ impl Fleet {
                                 "an order of a centre that was replaced is refused"
                             );
                         }
-                        Some(action) => self.obey(&action, &mut obeyed),
+                        Some(action) => {
+                            self.obey(&action, late_s(self.server_now(), order.taken_at()), &mut obeyed);
+                        }
                         None => {}
                     }
                 }
@@ -252,8 +305,13 @@ impl Fleet {
         }
     }
 
-    fn obey(&self, order: &Action, obeyed: &mut Obeyed) {
-        let late_s = (self.clock.now() - order.at).max(0.0);
+    /// Carries out an order that comes so much later than it was given (s).
+    fn obey(&self, order: &Action, late_s: f64, obeyed: &mut Obeyed) {
+        if !order.edge.is_empty() && order.edge != self.name {
+            // Another edge of the site has a loop of the same name, and the centre takes it from there.
+            tracing::info!(subject = order.subject, edge = order.edge, "an order is for another edge");
+            return;
+        }
         let Some((id, action, said)) = read_action(order, late_s) else {
             tracing::warn!(
                 action = order.action,
@@ -288,6 +346,72 @@ impl Fleet {
             }
         }
     }
+}
+
+/// How far everything has come that an edge forwards, and what its people and a centre know of it.
+struct Forwarding {
+    forward: Forward,
+    found: Found,
+    announcing: Announcing,
+    known: Alone,
+    handed: Handed,
+    /// The lease as it was seen last, and when that was new, on a steady clock.
+    seen: Option<(Seen, Duration)>,
+    /// There was no lease at the last look.
+    gone: bool,
+    /// Since when no alarm is forwarded, or the store cannot be read for them.
+    unheard_since: Option<Duration>,
+    /// When all that was new had been forwarded last.
+    done: Duration,
+    /// What is watched.
+    scene: Option<Arc<Scene>>,
+}
+
+impl Forwarding {
+    fn new(site: &str, name: &str, now: Duration) -> Self {
+        Self {
+            forward: Forward::new(site, name),
+            found: Found::new(site, name),
+            announcing: Announcing::default(),
+            known: Alone::default(),
+            handed: Handed::new(),
+            seen: None,
+            gone: false,
+            unheard_since: None,
+            done: now,
+            scene: None,
+        }
+    }
+
+    /// What is watched now.
+    fn watch(&mut self, scene: &Arc<Scene>) {
+        if self.scene.as_ref().is_some_and(|own| Arc::ptr_eq(own, scene)) {
+            return;
+        }
+        let loops = scene.config.loops.iter().map(|own| own.id.clone());
+        let devices = crate::app::devices_of(&scene.config);
+        self.found.watch(loops.chain(devices.iter().map(LoopId::to_string)).collect());
+        self.scene = Some(scene.clone());
+    }
+
+    /// The streams may be others when they are there again, or have lost their last messages. What the streams said of samples
+    /// stays until the lease or samples fail: of many loops that takes several rounds.
+    fn doubt(&mut self) {
+        self.announcing.doubt();
+        self.found.doubt();
+    }
+
+    /// For how long no centre has heard of alarms at `now`.
+    fn unheard_for(&self, now: Duration) -> Duration {
+        let since = |then: Duration| now.saturating_sub(then);
+        let silent = since(self.seen.as_ref().map_or(Duration::ZERO, |(_, since)| *since));
+        silent.max(self.unheard_since.map_or(Duration::ZERO, since))
+    }
+}
+
+/// Whether the server answers after something has failed: one stream may be full, and the others take what is new all the same.
+async fn is_heard(link: &Link) -> bool {
+    link.is_up() && link.lease().await.is_ok()
 }
 
 /// Whether a person makes an alarm change so.
@@ -325,7 +449,26 @@ fn writing(config: &crate::config::Config) -> std::collections::HashSet<LoopId> 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::alarm::State;
     use crate::app::fleet::tests::edge;
+
+    #[test]
+    fn an_order_for_another_edge_with_a_loop_of_the_same_name_is_not_done() {
+        let (fleet, results) = edge("FIC1");
+        let obey = |edge: &str| {
+            let order = Action {
+                subject: "FIC1".to_string(),
+                kind: "stiction".to_string(),
+                action: "take_out".to_string(),
+                edge: edge.to_string(),
+                ..Action::default()
+            };
+            fleet.obey(&order, 0.0, &mut Obeyed::default());
+            results.alarm(&AlarmId::named("FIC1"), fleet.clock.now()).map(|own| own.state)
+        };
+        assert_eq!(obey("another"), Some(State::Normal));
+        assert_eq!(obey(&fleet.name), Some(State::OutOfService));
+    }
 
     #[tokio::test]
     async fn what_nobody_has_heard_of_is_still_to_be_told() {

@@ -1,19 +1,16 @@
-//! How an edge forwards: samples from its rings, and from its store what the rings no longer hold; diagnoses and changes of
-//! alarms from its store, by their numbers there. How far it has come is known from the streams, so nothing has to be
-//! remembered here.
+//! How an edge forwards samples: from its rings, and from its store what the rings no longer hold. How far it has come is known
+//! from the stream, so nothing has to be remembered here.
 
-use super::alone::{Told, known_by};
-use super::teller::Key;
-use crate::fleet::convert::{self, block};
+use crate::fleet::convert::block;
 use crate::fleet::link::{Link, LinkError, Outgoing};
-use crate::fleet::message::{self, Alarm, Cursor, Diagnosis, Samples, TagSamples};
-use crate::fleet::streams::{LATEST, SAMPLES};
+use crate::fleet::message::{self, Samples, TagSamples};
+use crate::fleet::streams::SAMPLES;
 use crate::fleet::subject::{Subject, What};
 use crate::fleet::weights;
-use crate::history::{History, LoopTags, Ring};
-use crate::signal::{LoopId, Sample};
+use crate::history::{History, LoopTags, Ring, TagKind};
+use crate::signal::{LoopId, Role, Sample};
 use crate::store::{self, Reader, StoreError};
-use futures::{StreamExt, stream};
+use futures::{StreamExt, TryStreamExt, stream};
 use prost::Message;
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -21,15 +18,27 @@ use std::sync::Arc;
 /// A stamp that falls by less (s) is only late.
 const SET_BACK_S: f64 = 1.0;
 /// Of a message beside its report or its samples (bytes).
-const HEAD_BYTES: usize = 64 * 1024;
+pub(super) const HEAD_BYTES: usize = 64 * 1024;
+/// Of samples, of diagnoses and of a list no message more is begun behind so many bytes, before the lease and alarms are looked at
+/// again: 4 s of a line of 0.5 Mbit/s.
+pub(super) const ROUND_BYTES: usize = 250_000;
 /// Samples of one tag in one message.
 pub(super) const MOST_SAMPLES: usize = 2000;
-/// Loops that the server is asked about at the same time.
-const AT_ONCE: usize = 32;
-/// Rows that are read from the store in one go.
-const ROWS: usize = 100;
+/// Loops that the server is asked about at the same time: few, because all answers have 5 s together on a slow line.
+const AT_ONCE: usize = 8;
 /// Samples of the past that are read from the store in one go are of at most this long (s).
 const SLICE_S: f64 = 1800.0;
+
+/// How far a round has come with one kind of what an edge forwards.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Came {
+    /// All that is new is forwarded.
+    Whole,
+    /// There is more.
+    Part,
+    /// The store cannot be read, so that what is new waits.
+    Unread,
+}
 
 /// A tag of a loop, by where it is read: another source is another tag.
 type TagKey = (LoopId, String, String);
@@ -65,17 +74,24 @@ struct Missing {
     next: u64,
 }
 
-/// How far everything has been forwarded.
+/// How far samples have been forwarded.
 #[derive(Default)]
 pub(super) struct Forward {
     site: String,
     name: String,
     places: HashMap<TagKey, Place>,
-    cursor: Option<Cursor>,
-    /// Changes of alarms that were forwarded since they were asked for.
-    changes: Vec<Key>,
-    /// The store could not be read for diagnoses and alarms.
-    unread: bool,
+    /// The loop that the next round begins with, by its number among all.
+    turn: usize,
+}
+
+/// What a round sends, from the rings.
+#[derive(Default)]
+struct Gathered {
+    parts: Vec<Part>,
+    /// Tags whose samples are no longer in their rings.
+    missing: Vec<Missing>,
+    /// There was no room for more loops.
+    is_cut: bool,
 }
 
 /// What is to be sent of one loop, and where its tags are after it.
@@ -85,6 +101,12 @@ struct Part {
     after: Vec<After>,
     /// There is more of it.
     more: bool,
+}
+
+impl Part {
+    fn bytes(&self) -> usize {
+        self.tags.iter().map(Message::encoded_len).sum()
+    }
 }
 
 /// Where a tag is once a part was sent, or once the store was found to have nothing of it: see [`Place`].
@@ -100,13 +122,12 @@ impl Forward {
         Self { site: site.to_string(), name: name.to_string(), ..Self::default() }
     }
 
-    /// The connection was lost, or others may have deleted what was forwarded: how far that came is asked anew.
+    /// The server was away, or others may have deleted what was forwarded: how far that came is asked anew.
     pub(super) fn forget(&mut self) {
         self.places.clear();
-        self.cursor = None;
     }
 
-    /// Forwards the samples of all loops that are new; whether there is more.
+    /// Forwards samples that are new, of as many loops as there is room for in one round.
     ///
     /// # Errors
     /// [`LinkError`]; what was kept before it is not sent again.
@@ -115,45 +136,53 @@ impl Forward {
         link: &Link,
         history: &Arc<History>,
         config: &store::Config,
-    ) -> Result<bool, LinkError> {
+    ) -> Result<Came, LinkError> {
         self.place(link, history).await?;
         let most = link.max_bytes().saturating_sub(HEAD_BYTES);
-        let (mut parts, mut missing) = (Vec::new(), Vec::new());
-        for own in history.loops() {
-            let (part, not_in_ring) = self.part(own, most);
-            parts.extend(part);
-            missing.extend(not_in_ring);
-        }
+        let Gathered { mut parts, missing, mut is_cut } = self.gather(history.loops(), most);
         if !missing.is_empty() {
             // The store first: a centre's rings go forward only.
-            let config = config.clone();
-            let read = tokio::task::spawn_blocking(move || {
-                from_store(&config, missing, most).inspect_err(|error| store::heed(&config, error))
-            })
-            .await;
-            match read {
-                Ok(Ok((found, nothing))) => {
-                    parts = found;
-                    self.advance(nothing, false);
-                }
-                Ok(Err(error)) => {
-                    tracing::warn!(%error, "samples of the past are not forwarded: the store cannot be read");
-                    return Ok(false);
-                }
-                Err(error) => return Err(LinkError::Away(error.to_string())),
+            let own = move |config: &store::Config| from_store(config, missing, most);
+            let Some(found) = of_store(config, "samples of the past", own).await? else {
+                return Ok(Came::Unread);
+            };
+            parts = found.parts;
+            if let Some(id) = found.cut_at {
+                is_cut = true;
+                self.turn = history.loops().iter().position(|own| own.id == id).unwrap_or(0);
             }
+            self.advance(found.nothing, false);
         }
         let mut places: HashMap<&LoopId, Vec<(&TagKey, &Place)>> = HashMap::new();
         for (key, place) in &self.places {
             places.entry(&key.0).or_default().push((key, place));
         }
-        let messages: Vec<Outgoing> =
-            parts.iter_mut().map(|part| message(&self.site, part, &places)).collect();
+        let own = (self.site.as_str(), self.name.as_str());
+        let messages: Vec<Outgoing> = parts.iter_mut().map(|part| message(own, part, &places)).collect();
         let sent = link.send(&messages).await;
         let kept = sent.as_ref().err().map_or(parts.len(), |(kept, _)| *kept);
-        let more = parts.iter().any(|part| part.more) || self.places.values().any(Place::is_behind);
+        let more = is_cut || parts.iter().any(|part| part.more) || self.places.values().any(Place::is_behind);
         self.advance(parts.into_iter().take(kept).flat_map(|part| part.after).collect(), true);
-        sent.map(|()| more).map_err(|(_, error)| error)
+        sent.inspect_err(|_| self.forget()).map_err(|(_, error)| error)?;
+        Ok(if more { Came::Part } else { Came::Whole })
+    }
+
+    /// What is new of the loops whose turn it is, of about as many bytes as a round takes, each message of at most `most`. Where it
+    /// is cut the next round goes on there, so that no loop waits for others that always have more.
+    fn gather(&mut self, loops: &[LoopTags], most: usize) -> Gathered {
+        let (mut own, mut bytes, from) = (Gathered::default(), 0, self.turn);
+        for at in (0..loops.len()).map(|at| (from + at) % loops.len()) {
+            self.turn = at;
+            if bytes >= ROUND_BYTES {
+                own.is_cut = true;
+                break;
+            }
+            let (part, missing) = self.part(&loops[at], most.min(ROUND_BYTES));
+            bytes += part.as_ref().map_or(0, Part::bytes);
+            own.parts.extend(part);
+            own.missing.extend(missing);
+        }
+        own
     }
 
     /// `sent`: the last stamps are those of samples.
@@ -166,36 +195,48 @@ impl Forward {
         }
     }
 
-    /// Finds where each tag is, by the last message of its loop.
+    /// Finds where each tag is, by the last message of its loop. What was answered before a question fails is kept.
     async fn place(&mut self, link: &Link, history: &Arc<History>) -> Result<(), LinkError> {
-        let mut index = 0;
-        let (mut new, mut known) = (Vec::<(TagKey, Arc<Ring>)>::new(), HashMap::<TagKey, Place>::new());
-        for own in history.loops() {
-            for tag in &own.tags {
-                let Some(ring) = history.ring(index) else { continue };
-                index += 1;
-                let key = (own.id.clone(), tag.kind.name().to_string(), tag.source.clone());
-                match self.places.get(&key) {
-                    Some(place) if Arc::ptr_eq(&place.ring, ring) => drop(known.insert(key, place.clone())),
-                    _ => new.push((key, ring.clone())),
-                }
-            }
-        }
+        let new = self.keep(history);
         let mut loops: Vec<LoopId> = new.iter().map(|((id, ..), _)| id.clone()).collect();
         loops.dedup();
         let (site, own) = (self.site.clone(), link.clone());
         let ask = move |id: LoopId| last_of(own.clone(), site.clone(), id);
-        let last: Vec<_> = stream::iter(loops).map(ask).buffer_unordered(AT_ONCE).collect().await;
-        let last: HashMap<LoopId, Samples> = last.into_iter().collect::<Result<_, LinkError>>()?;
+        let (asked, mut last) = (stream::iter(loops).map(ask).buffer_unordered(AT_ONCE), HashMap::new());
+        let take = |(id, message): (LoopId, Samples)| {
+            last.insert(id, message);
+            std::future::ready(Ok::<(), LinkError>(()))
+        };
+        let asked: Result<(), LinkError> = asked.try_for_each(take).await;
         for (key, ring) in new {
-            let places = last.get(&key.0).into_iter().flat_map(|message| &message.places);
-            let place = places.into_iter().find(|place| place.tag == key.1 && place.source == key.2);
+            let Some(message) = last.get(&key.0) else { continue };
+            let place = message.places.iter().find(|place| place.tag == key.1 && place.source == key.2);
             let last = place.map_or(f64::NAN, |place| place.last);
             let (next, behind) = first_after(&ring, last);
-            known.insert(key, Place { ring, next, last, sent: last, behind });
+            self.places.insert(key, Place { ring, next, last, sent: last, behind });
         }
-        self.places = known;
-        Ok(())
+        asked
+    }
+
+    /// Keeps the places of tags that are still there; the tags that are new, with their rings.
+    fn keep(&mut self, history: &History) -> Vec<(TagKey, Arc<Ring>)> {
+        let mut before = std::mem::take(&mut self.places);
+        let (mut index, mut new) = (0, Vec::new());
+        for own in history.loops() {
+            for tag in &own.tags {
+                let Some(ring) = history.ring(index) else { continue };
+                index += 1;
+                if is_term(&tag.kind) {
+                    continue;
+                }
+                let key = (own.id.clone(), tag.kind.name().to_string(), tag.source.clone());
+                match before.remove(&key).filter(|place| Arc::ptr_eq(&place.ring, ring)) {
+                    Some(place) => drop(self.places.insert(key, place)),
+                    None => new.push((key, ring.clone())),
+                }
+            }
+        }
+        new
     }
 
     /// What is new of a loop, of at most so many bytes, and the tags of which the ring no longer holds all that is new.
@@ -233,75 +274,19 @@ impl Forward {
         let part = (!after.is_empty()).then(|| Part { id: id.clone(), tags, after, more });
         (part, missing)
     }
-
-    /// Forwards diagnoses and changes of alarms that are new; whether there is more.
-    ///
-    /// # Errors
-    /// [`LinkError`]; what was kept before it may be sent again, under the same id.
-    pub(super) async fn events(
-        &mut self,
-        link: &Link,
-        config: &store::Config,
-        told: Told,
-    ) -> Result<bool, LinkError> {
-        let subject = Subject::new(&self.site, &self.name, What::Cursor).to_string();
-        let cursor = match self.cursor {
-            Some(cursor) => cursor,
-            None => {
-                let last = link.last(LATEST, &subject).await?;
-                last.and_then(|(_, body)| weights::read::<Cursor>(&subject, body)).unwrap_or_default()
-            }
-        };
-        let (site, own) = (self.site.clone(), config.clone());
-        let most = link.max_bytes().saturating_sub(HEAD_BYTES);
-        let read = tokio::task::spawn_blocking(move || {
-            news(&site, &own, cursor, (&told, most)).inspect_err(|error| store::heed(&own, error))
-        })
-        .await;
-        let News { messages, changes, after, more } = match read {
-            Ok(Ok(read)) => read,
-            Ok(Err(error)) => {
-                tracing::warn!(%error, "diagnoses and alarms are not forwarded: the store cannot be read");
-                self.unread = true;
-                return Ok(false);
-            }
-            Err(error) => return Err(LinkError::Away(error.to_string())),
-        };
-        self.unread = false;
-        link.send(&messages).await.map_err(|(_, error)| error)?;
-        self.changes.extend(changes);
-        if self.cursor != Some(after) {
-            let body = after.encode_to_vec();
-            link.send(&[Outgoing::latest(subject, body)]).await.map_err(|(_, error)| error)?;
-        }
-        self.cursor = Some(after);
-        Ok(more)
-    }
-
-    /// The changes of alarms that were forwarded since this was asked last.
-    pub(super) fn forwarded(&mut self) -> Vec<Key> {
-        std::mem::take(&mut self.changes)
-    }
-
-    /// Whether the store could not be read when alarms were to be forwarded last.
-    pub(super) fn is_unread(&self) -> bool {
-        self.unread
-    }
 }
 
-/// What the store has that is new.
-struct News {
-    messages: Vec<Outgoing>,
-    /// The changes of alarms among them.
-    changes: Vec<Key>,
-    /// The cursor behind them.
-    after: Cursor,
-    /// There may be more.
-    more: bool,
+/// Whether a tag is the term of write-back, which never leaves the edge.
+fn is_term(kind: &TagKind) -> bool {
+    *kind == TagKind::Role(Role::Term)
 }
 
 /// The message of a part, with where every tag of its loop is after it.
-fn message(site: &str, part: &mut Part, places: &HashMap<&LoopId, Vec<(&TagKey, &Place)>>) -> Outgoing {
+fn message(
+    (site, edge): (&str, &str),
+    part: &mut Part,
+    places: &HashMap<&LoopId, Vec<(&TagKey, &Place)>>,
+) -> Outgoing {
     let own = || places.get(&part.id).into_iter().flatten();
     for tag in &mut part.tags {
         let place = own().find(|(key, _)| (&key.1, &key.2) == (&tag.tag, &tag.source));
@@ -313,8 +298,8 @@ fn message(site: &str, part: &mut Part, places: &HashMap<&LoopId, Vec<(&TagKey, 
         message::Place { tag: key.1.clone(), source: key.2.clone(), last }
     });
     let places = places.filter(|place| place.last.is_finite()).collect();
-    let body = Samples { tags: std::mem::take(&mut part.tags), places }.encode_to_vec();
-    Outgoing::once(Subject::new(site, part.id.as_str(), What::Samples).to_string(), body)
+    let own = Samples { tags: std::mem::take(&mut part.tags), places, edge: edge.to_string() };
+    Outgoing::once(Subject::new(site, part.id.as_str(), What::Samples).to_string(), own.encode_to_vec())
 }
 
 /// The last message of samples of a loop.
@@ -348,16 +333,25 @@ fn has_room(tags: &[TagSamples], own: &TagSamples, most: usize) -> bool {
     tags.is_empty() || bytes + own.encoded_len() <= most
 }
 
-/// The next slice of what rings no longer hold, each message of at most so many bytes, and the tags of which there is nothing
-/// in it.
-fn from_store(
-    config: &store::Config,
-    missing: Vec<Missing>,
-    most: usize,
-) -> Result<(Vec<Part>, Vec<After>), StoreError> {
+/// What the store has of the past.
+#[derive(Default)]
+struct Found {
+    parts: Vec<Part>,
+    /// Tags of which it has nothing.
+    nothing: Vec<After>,
+    /// The loop from which on there was no room, where there was not.
+    cut_at: Option<LoopId>,
+}
+
+/// The next slice of what rings no longer hold, of about as many bytes as a round takes, each message of at most `most`.
+fn from_store(config: &store::Config, missing: Vec<Missing>, most: usize) -> Result<Found, StoreError> {
     let mut reader = Reader::of(config)?;
-    let (mut parts, mut nothing) = (Vec::new(), Vec::new());
+    let (Found { mut parts, mut nothing, mut cut_at }, mut bytes) = (Found::default(), 0);
     for Missing { key, last, until, next } in missing {
+        if bytes >= ROUND_BYTES {
+            cut_at = Some(key.0);
+            break;
+        }
         let (id, tag, source) = &key;
         let end = until.min(last + SLICE_S);
         let behind = end < until;
@@ -372,6 +366,7 @@ fn from_store(
         let last = some.last().map_or(last, |sample| sample.t);
         let after = After { key: key.clone(), next, last, behind: behind || some.len() < samples.len() };
         let tag = block(tag, source, some);
+        bytes += tag.encoded_len();
         match parts.iter_mut().find(|part: &&mut Part| part.id == *id) {
             // It comes with the next message of its loop.
             Some(part) if !has_room(&part.tags, &tag, most) => {}
@@ -382,75 +377,102 @@ fn from_store(
             None => parts.push(Part { id: id.clone(), tags: vec![tag], after: vec![after], more: true }),
         }
     }
-    Ok((parts, nothing))
+    Ok(Found { parts, nothing, cut_at })
 }
 
-/// What the store has behind the cursor, each message of at most so many bytes.
-fn news(
-    site: &str,
+/// What is read of the store on a thread that may block; `None`, told, where the store cannot be read.
+pub(super) async fn of_store<T: Send + 'static>(
     config: &store::Config,
-    before: Cursor,
-    (told, most): (&Told, usize),
-) -> Result<News, StoreError> {
-    let reader = Reader::of(config)?;
-    let number = |number: i64| u64::try_from(number).unwrap_or(0);
-    let after = |number: u64| i64::try_from(number).unwrap_or(i64::MAX);
-    // A store that was made anew numbers from 1 again: what it has is sent from the first on. What is known is known by its time.
-    let mut cursor = before;
-    if cursor.diagnosis > 0 && reader.diagnoses(after(cursor.diagnosis) - 1, 1)?.is_empty() {
-        cursor.diagnosis = 0;
-    }
-    if cursor.change > 0 && reader.transitions(after(cursor.change) - 1, 1)?.is_empty() {
-        cursor.change = 0;
-    }
-    let (before, mut messages) = (cursor, Vec::new());
-    let runs = reader.diagnoses(after(before.diagnosis), ROWS)?;
-    let mut changes = reader.transitions(after(before.change), ROWS)?;
-    let free = changes.iter().take_while(|(_, row)| !told.is_held(row)).count();
-    changes.truncate(free);
-    // Older ones are not told here, and a store that is sent from the first on would push out those that are.
-    let of_now = changes.iter().filter(|(_, row)| told.is_of_now(row));
-    let known = of_now.filter_map(|(_, row)| known_by(row)).collect();
-    let more = runs.len() == ROWS || changes.len() == ROWS;
-    for (at, row) in runs {
-        cursor.diagnosis = number(at);
-        let control_loop = row.control_loop.clone();
-        let model = reader.model(&control_loop)?;
-        // The model beside it has the effects, and alarms are the edge's own.
-        let mut run = convert::run(row, Vec::new(), None);
-        if run.encoded_len() > most {
-            tracing::warn!(
-                control_loop,
-                bytes = run.encoded_len(),
-                "a report is too large to be forwarded: it stays at the edge"
-            );
-            (run.report, run.basis) = (None, None);
+    what: &'static str,
+    read: impl FnOnce(&store::Config) -> Result<T, StoreError> + Send + 'static,
+) -> Result<Option<T>, LinkError> {
+    let config = config.clone();
+    let read = move || read(&config).inspect_err(|error| store::heed(&config, error));
+    match tokio::task::spawn_blocking(read).await {
+        Ok(Ok(read)) => Ok(Some(read)),
+        Ok(Err(error)) => {
+            tracing::warn!(%error, what, "the store cannot be read, so that this is not forwarded");
+            Ok(None)
         }
-        let message =
-            Diagnosis { number: cursor.diagnosis, run: Some(run), model: model.map(convert::model) };
-        let subject = Subject::new(site, &control_loop, What::Diagnosis).to_string();
-        messages.push(Outgoing::once(subject, message.encode_to_vec()));
+        Err(error) => Err(LinkError::Away(error.to_string())),
     }
-    for (at, row) in changes {
-        cursor.change = number(at);
-        let subject = Subject::new(site, &row.control_loop, What::Alarm).to_string();
-        let state = reader.alarm(&row.control_loop, &row.kind)?.map(convert::alarm);
-        let told = told.is_told(&row);
-        let change = Some(convert::change(row));
-        let message = Alarm { number: cursor.change, state, change, told };
-        messages.push(Outgoing::once(subject, message.encode_to_vec()));
-    }
-    Ok(News { messages, changes: known, after: cursor, more })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::history::TagSpec;
+    use crate::signal::SpanSource;
 
     fn ring(stamps: &[f64]) -> Ring {
         let ring = Ring::new(8);
         stamps.iter().for_each(|t| ring.push(Sample::good(*t, 0.0)));
         ring
+    }
+
+    /// A loop with these tags, each with as many samples as a message takes.
+    fn full(id: &str, tags: &[&str]) -> (LoopTags, Vec<(TagKey, Place)>) {
+        let id = LoopId::new(id);
+        let spec = |tag: &&str| TagSpec {
+            kind: TagKind::named(tag),
+            unit: String::new(),
+            source: (*tag).to_string(),
+        };
+        let place = |tag: &&str| {
+            let ring = Ring::new(MOST_SAMPLES);
+            (0..MOST_SAMPLES).for_each(|at| ring.push(Sample::good(at as f64, (0.7 * at as f64).sin())));
+            let place =
+                Place { ring: Arc::new(ring), next: 0, last: f64::NAN, sent: f64::NAN, behind: false };
+            ((id.clone(), (*tag).to_string(), (*tag).to_string()), place)
+        };
+        let places = tags.iter().map(place).collect();
+        let tags = tags.iter().map(spec).collect();
+        let span = SpanSource::Unknown;
+        (LoopTags { id: id.clone(), tags, op_limits: None, op_span: None, op_span_source: span }, places)
+    }
+
+    #[test]
+    fn a_round_is_bounded_and_no_loop_waits_for_others_that_always_have_more() {
+        let mut own = Forward::new("north", "e1");
+        let mut loops = Vec::new();
+        for at in 0..60 {
+            let (tags, places) = full(&format!("FIC{at}"), &["op", "pv"]);
+            loops.push(tags);
+            own.places.extend(places);
+        }
+        let most = own.gather(&loops[..1], usize::MAX).parts[0].bytes();
+        let (mut served, mut rounds) = (Vec::new(), 0);
+        own.turn = 0;
+        // Nothing is noted as sent, so that each loop has as much in every round.
+        while served.len() < loops.len() {
+            let round = own.gather(&loops, usize::MAX);
+            let bytes: usize = round.parts.iter().map(Part::bytes).sum();
+            assert!(round.is_cut && bytes < ROUND_BYTES + most, "{bytes} bytes in one round");
+            served.extend(round.parts.into_iter().map(|part| part.id));
+            rounds += 1;
+        }
+        assert!(rounds > 3, "{most} bytes of a loop");
+        let first: Vec<LoopId> = loops.iter().map(|own| own.id.clone()).collect();
+        assert_eq!(served[..loops.len()], first, "each once, before the first comes again");
+    }
+
+    #[test]
+    fn the_term_of_write_back_never_leaves_the_edge() {
+        let (control_loop, _) = full("FIC1", &["op", "pv", "term"]);
+        let config = crate::history::Config::default();
+        let history = Arc::new(History::new(&[control_loop], &config));
+        let mut own = Forward::new("north", "e1");
+        // As where all of them were known before.
+        for (tag, ring) in ["op", "pv", "term"].iter().zip(0..) {
+            let key = (LoopId::new("FIC1"), (*tag).to_string(), (*tag).to_string());
+            let ring = history.ring(ring).expect("there is one").clone();
+            ring.push(Sample::good(1.0, 2.0));
+            own.places.insert(key, Place { ring, next: 0, last: f64::NAN, sent: f64::NAN, behind: false });
+        }
+        own.keep(&history);
+        let gathered = own.gather(history.loops(), usize::MAX);
+        let tags = gathered.parts.iter().flat_map(|part| &part.tags).map(|tag| tag.tag.as_str());
+        assert_eq!(tags.collect::<Vec<_>>(), ["op", "pv"]);
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! The list of loops that an edge announces, how a centre fetches and takes it, and the configuration that a centre makes of all
 //! lists.
 
+use super::claims::{Claims, Edge, Key, ranked};
 use super::lists::Lists;
 use super::{Fleet, Scene, lock};
 use crate::config::{Config, ForwardedTag, LoopConfig, TagConfig, tags};
@@ -10,8 +11,8 @@ use crate::fleet::message::{Hello, Loop, Tag};
 use crate::fleet::streams::LATEST;
 use crate::fleet::subject::{Subject, of_site};
 use crate::signal::{LoopId, Role};
-use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Most loops that a centre takes.
 const MAX_LOOPS: usize = 100_000;
@@ -63,7 +64,7 @@ impl Fleet {
                 Ok(true) => {
                     let (edge, digest) = (announcement.edge().clone(), announcement.digest().to_vec());
                     if let Some(hello) = announcement.list() {
-                        is_changed |= self.take_list(&edge, hello);
+                        is_changed |= self.take_list(&edge, hello, lists.announced(&edge));
                         lists.took(edge, digest);
                     }
                 }
@@ -106,21 +107,35 @@ impl Fleet {
         });
     }
 
-    /// Takes the list of an edge. Returns whether that changes anything.
-    fn take_list(&self, edge: &Subject, hello: Hello) -> bool {
+    /// Takes the list of an edge, which announced it at `announced` (s). Returns whether that changes anything.
+    fn take_list(&self, edge: &Subject, hello: Hello, announced: f64) -> bool {
         let key = (edge.site.clone(), edge.name.clone());
         let mut edges = lock(&self.edges);
         // One that has no loops any more is forgotten.
         let is_new = if hello.loops.is_empty() {
             edges.remove(&key).is_some()
         } else {
-            edges.insert(key, hello);
+            edges.insert(key, Edge { hello, announced });
             true
         };
         if is_new {
             lock(&self.in_force).remove(&edge.site);
         }
         is_new
+    }
+
+    /// An edge has announced itself at `announced` (s), be it with the list that was taken before.
+    pub(super) fn renew(&self, edge: &Subject, announced: f64) {
+        if let Some(own) = lock(&self.edges).get_mut(&(edge.site.clone(), edge.name.clone())) {
+            own.announced = announced.max(own.announced);
+        }
+    }
+
+    /// Whether loops have to be taken from other edges than those in force: an edge has stopped, or is forgotten.
+    pub(super) fn are_claims_outdated(&self) -> bool {
+        let signs = self.signs();
+        let edges = lock(&self.edges);
+        lock(&self.claims).are_outdated(&ranked(&edges, &signs))
     }
 }
 
@@ -135,34 +150,61 @@ async fn fetch(link: &Link, announcement: &mut Announcement) -> Result<bool, Lin
     Ok(true)
 }
 
-/// The configuration of a centre with the loops of all edges, in the order of their names. What cannot be taken is left out
+/// The configuration of a centre with the loops of all edges.
+pub(super) struct Composed {
+    pub(super) config: Config,
+    pub(super) claims: Claims,
+    /// What cannot be taken, and why.
+    pub(super) left: Vec<String>,
+}
+
+/// The configuration of a centre with the loops of all edges, in the order of their names. What several edges of a site have is
+/// taken from the first of them; a collector counts as the same where they have a loop in common. What cannot be taken is left out
 /// and told.
-pub(super) fn composed(base: &Config, edges: &BTreeMap<(String, String), Hello>) -> (Config, Vec<String>) {
-    let (mut loops, mut collectors, mut left) = (BTreeMap::new(), Vec::new(), Vec::new());
-    for ((site, edge), hello) in edges {
-        collectors.extend(hello.collectors.iter().map(|name| of_site(site, name)));
-        for own in &hello.loops {
+pub(super) fn composed(base: &Config, ranked: &[(&Key, &Edge)]) -> Composed {
+    let (mut loops, mut collectors, mut left) = (BTreeMap::new(), BTreeMap::new(), Vec::new());
+    let (mut claims, mut rivals) = (Claims::default(), BTreeSet::new());
+    for &(key, edge) in ranked {
+        let (site, name) = key;
+        for own in &edge.hello.loops {
             let id = of_site(site, &own.id);
             let many = loops.len() == MAX_LOOPS || id.chars().count() > MAX_NAME;
             match (loops.entry(id), many) {
-                (place, true) => {
-                    left.push(format!("{} of {edge}: too many loops, or too long a name", place.key()));
-                }
                 (Entry::Occupied(place), _) => {
-                    let id = place.key();
-                    left.push(format!("{id} of {edge}: another edge of the site has a loop of this name"));
+                    let (_, owner): &(LoopConfig, (&Key, &Edge)) = place.get();
+                    claims.contest(place.key(), *owner, key);
+                    rivals.insert((owner.0, key));
+                }
+                (Entry::Vacant(place), true) => {
+                    left.push(format!("{} of {name}: too many loops, or too long a name", place.key()));
                 }
                 (Entry::Vacant(place), _) => match loop_config(site, place.key(), own) {
                     Some(config) => {
-                        place.insert(config);
+                        place.insert((config, (key, edge)));
                     }
-                    None => left.push(format!("{} of {edge}: it has no op or no pv", place.key())),
+                    None => left.push(format!("{} of {name}: it has no op or no pv", place.key())),
                 },
             }
         }
     }
-    let config = Config { loops: loops.into_values().collect(), forwarded: collectors, ..base.clone() };
-    (config, left)
+    for &(key, edge) in ranked {
+        for collector in &edge.hello.collectors {
+            match collectors.entry(of_site(&key.0, collector)) {
+                Entry::Occupied(place) => {
+                    let owner: &(&Key, &Edge) = place.get();
+                    if rivals.contains(&(owner.0, key)) {
+                        claims.contest(place.key(), *owner, key);
+                    }
+                }
+                Entry::Vacant(place) => {
+                    place.insert((key, edge));
+                }
+            }
+        }
+    }
+    let loops = loops.into_values().map(|(config, _)| config).collect();
+    let config = Config { loops, forwarded: collectors.into_keys().collect(), ..base.clone() };
+    Composed { config, claims: claims.of_all(ranked), left }
 }
 
 fn loop_config(site: &str, id: &str, own: &Loop) -> Option<LoopConfig> {
@@ -205,13 +247,50 @@ fn loop_config(site: &str, id: &str, own: &Loop) -> Option<LoopConfig> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::app::fleet::claims::{Edges, Signs};
     use crate::app::fleet::tests::centre;
     use crate::fleet::announcement::split;
     use crate::fleet::subject::What;
 
     /// What a centre hears of the list of an edge that has so many bytes.
     fn hear(lists: &mut Lists, edge: &Subject, bytes: usize) {
-        split(edge, &vec![b'x'; bytes]).into_iter().for_each(|own| lists.hear(&own.subject, own.body));
+        split(edge, &vec![b'x'; bytes])
+            .into_iter()
+            .for_each(|own| drop(lists.hear(&own.subject, own.body, 1.0)));
+    }
+
+    /// An edge that has one loop, whose tags it reads at `source`, and one collector.
+    fn edge_of(id: &str, source: &str, announced: f64) -> Edge {
+        let tag = |name: &str| Tag { name: name.into(), source: source.into(), ..Tag::default() };
+        let own = Loop { id: id.into(), tags: ["op", "pv"].map(tag).into(), ..Loop::default() };
+        Edge { hello: Hello { loops: vec![own], collectors: vec!["dcs".into()] }, announced }
+    }
+
+    #[test]
+    fn a_loop_that_two_edges_have_is_that_of_the_gateway_that_replaced_the_other() {
+        let key = |name: &str| ("north".to_string(), name.to_string());
+        let edges: Edges = [
+            (key("a"), edge_of("FIC1", "before", 100.0)),
+            (key("b"), edge_of("FIC1", "now", 200.0)),
+            (key("c"), edge_of("FIC2", "elsewhere", 50.0)),
+        ]
+        .into();
+        let Composed { config, claims, left } =
+            composed(&Config::default(), &ranked(&edges, &Signs::default()));
+        let sources: Vec<_> = config.loops.iter().map(|own| (own.id.as_str(), source(&own.pv))).collect();
+        assert_eq!(sources, [("north:FIC1", "now"), ("north:FIC2", "elsewhere")]);
+        assert_eq!((config.forwarded, left), (vec!["north:dcs".to_string()], Vec::new()));
+        assert_eq!((claims.owner("north:FIC1"), claims.owner("north:FIC2")), (Some("b"), None));
+        assert!(claims.is_foreign("north:FIC1", "a", None) && claims.is_foreign("north:dcs", "a", None));
+        assert!(!claims.is_foreign("north:dcs", "c", None), "it has a collector of its own under that name");
+    }
+
+    /// Where a tag is read that an edge has announced.
+    fn source(tag: &TagConfig) -> &str {
+        match tag {
+            TagConfig::Forwarded(own) => &own.source,
+            _ => "",
+        }
     }
 
     #[test]
@@ -225,21 +304,21 @@ mod tests {
             ..Hello::default()
         };
         let mut lists = Lists::default();
-        assert!(fleet.take_list(&e1, of("FIC1")));
+        assert!(fleet.take_list(&e1, of("FIC1"), 1.0));
         hear(&mut lists, &e2, 10_000);
         fleet.unsettle(&lists);
         fleet.settle_sites(&lists);
         assert!(!is_in_force() && !is_known(), "the list of e2 is not fetched yet");
 
         let heard = lists.next().expect("it waits");
-        assert!(fleet.take_list(&e2, of("FIC2")));
+        assert!(fleet.take_list(&e2, of("FIC2"), 1.0));
         lists.took(e2.clone(), heard.digest().to_vec());
         fleet.settle_sites(&lists);
         assert!(is_in_force() && is_known());
 
         // Another one begins to come: what it brings is not known yet.
         let first = split(&e2, &[b'y'; 5_000]).swap_remove(0);
-        lists.hear(&first.subject, first.body);
+        lists.hear(&first.subject, first.body, 1.0);
         fleet.unsettle(&lists);
         fleet.settle_sites(&lists);
         assert!(!is_in_force());

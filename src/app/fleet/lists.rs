@@ -18,6 +18,8 @@ pub(super) struct Lists {
     waiting: VecDeque<Announcement>,
     /// Edges of whose new list some parts were heard, but not the last.
     begun: HashSet<Subject>,
+    /// When the stream took the last part that was heard of each edge (s, by the server's clock).
+    announced: HashMap<Subject, f64>,
 }
 
 impl Lists {
@@ -26,19 +28,31 @@ impl Lists {
         self.waiting.len() >= MOST
     }
 
-    /// Takes a message of an announcement.
-    pub(super) fn hear(&mut self, subject: &str, bytes: impl Into<Bytes>) {
-        match Heard::read(subject, bytes) {
-            None => {}
-            Some(Heard::Part(edge, whole)) => {
+    /// Takes a message of an announcement, which the stream took at `at` (s). Returns the edge if it is the last part.
+    pub(super) fn hear(&mut self, subject: &str, bytes: impl Into<Bytes>, at: f64) -> Option<Subject> {
+        match Heard::read(subject, bytes)? {
+            Heard::Part(edge, whole) => {
                 if self.taken.get(&edge).is_some_and(|taken| *taken == whole) {
                     self.begun.remove(&edge);
                 } else if self.begun.len() < MOST {
                     self.begun.insert(edge);
                 }
+                None
             }
-            Some(Heard::Last(new)) => self.hear_last(new),
+            Heard::Last(new) => {
+                let edge = new.edge().clone();
+                if self.announced.len() < MOST || self.announced.contains_key(&edge) {
+                    self.announced.insert(edge.clone(), at);
+                }
+                self.hear_last(new);
+                Some(edge)
+            }
         }
+    }
+
+    /// When the stream took the last part that was heard of an edge (s).
+    pub(super) fn announced(&self, edge: &Subject) -> f64 {
+        self.announced.get(edge).copied().unwrap_or_default()
     }
 
     fn hear_last(&mut self, new: Announcement) {
@@ -106,7 +120,7 @@ mod tests {
     }
 
     fn hear(lists: &mut Lists, messages: &[Outgoing]) {
-        messages.iter().for_each(|own| lists.hear(&own.subject, own.body.clone()));
+        messages.iter().for_each(|own| drop(lists.hear(&own.subject, own.body.clone(), 100.0)));
     }
 
     /// Edges in the order in which they wait, with the parts that were fetched of their lists.
@@ -162,6 +176,22 @@ mod tests {
         assert!(own.push(Some(first[0].body.clone())));
         lists.put_back(own, false);
         assert_eq!(waiting(&lists), [("e1", 1)]);
+    }
+
+    #[test]
+    fn an_edge_that_announces_the_same_list_again_has_announced_itself_then() {
+        let (mut lists, e1) = (Lists::default(), edge("north", "e1"));
+        let messages = announced(&e1, b'x');
+        hear(&mut lists, &messages);
+        let own = lists.next().expect("it waits");
+        lists.took(e1.clone(), own.digest().to_vec());
+        assert_eq!(lists.announced(&e1), 100.0);
+        let again = |own: &Outgoing| lists.hear(&own.subject, own.body.clone(), 200.0);
+        let edges: Vec<Option<Subject>> = messages.iter().map(again).collect();
+        let (last, others) = edges.split_last().expect("there are parts");
+        assert!(last.as_ref() == Some(&e1) && others.iter().all(Option::is_none));
+        assert_eq!(lists.announced(&e1), 200.0);
+        assert!(lists.are_fetched(), "it is no news");
     }
 
     #[test]

@@ -22,6 +22,12 @@ pub(super) fn patience(put_off: usize, in_force: Option<Duration>) -> Duration {
     if put_off > MANY && would_be_known { IN_FORCE } else { GIVEN_UP }
 }
 
+/// How long samples of a tag wait for what their edge says of it: longer while a list of its site is still to be taken, but not
+/// where many messages are put off.
+pub(super) fn announcement_patience(put_off: usize, in_force: Option<Duration>) -> Duration {
+    if put_off <= MANY && in_force.is_none() { GIVEN_UP } else { ANNOUNCEMENT_WAIT }
+}
+
 /// The messages that were put off: by subject, their numbers in the stream, and when that was last, on a steady clock.
 #[derive(Default)]
 pub(super) struct Order {
@@ -43,6 +49,11 @@ impl Order {
     /// The message comes again.
     pub(super) fn put_off(&mut self, subject: &str, sequence: u64, now: Duration) {
         self.put_off.entry(subject.to_string()).or_default().insert(sequence, now);
+    }
+
+    /// Nothing of `subject` is waited for any more: what comes next is taken.
+    pub(super) fn forget(&mut self, subject: &str) {
+        self.put_off.remove(subject);
     }
 
     /// How many messages are put off.
@@ -101,17 +112,30 @@ impl Order {
 /// A message waits for so long for an earlier one of its subject: twice as long as a server takes to give that again.
 const EARLY: Duration = Duration::from_secs(22);
 
-/// Messages that came before an earlier one: by subject, which, and since when it waits, on a steady clock.
+/// Subjects of which a message came before an earlier one: since when one waits for it, and when one did last, on a steady clock.
+/// All messages of a subject wait as one. A full stream deletes each of them before it has waited for long, so that none would
+/// ever be taken if each waited for itself.
 #[derive(Default)]
-pub(super) struct Early(HashMap<String, (u64, Duration)>);
+pub(super) struct Early(HashMap<String, (Duration, Duration)>);
 
 impl Early {
-    /// Whether this one still waits for the earlier one, which may be lost.
-    pub(super) fn waits(&mut self, subject: &str, sequence: u64, now: Duration) -> bool {
-        let (own, since) = self.0.entry(subject.to_string()).or_insert((sequence, now));
-        if *own != sequence {
-            (*own, *since) = (sequence, now);
+    /// Whether no earlier message of `subject` is still to come. What was put off is waited for once more as long as the earlier
+    /// message was; then it counts as deleted, and whatever comes is next.
+    pub(super) fn is_next(&self, order: &mut Order, (subject, sequence): (&str, u64), now: Duration) -> bool {
+        if self.0.get(subject).is_some_and(|(since, _)| now.saturating_sub(*since) >= 2 * EARLY) {
+            order.forget(subject);
         }
+        order.is_next(subject, sequence, now)
+    }
+
+    /// Whether a message that came early still waits for the earlier one, which may be lost.
+    pub(super) fn waits(&mut self, subject: &str, now: Duration) -> bool {
+        let (since, last) = self.0.entry(subject.to_string()).or_insert((now, now));
+        if now.saturating_sub(*last) >= GIVEN_UP {
+            // That was another gap: nothing has come since.
+            *since = now;
+        }
+        *last = now;
         if now.saturating_sub(*since) < EARLY {
             return true;
         }
@@ -122,6 +146,14 @@ impl Early {
     /// What was to come first has come.
     pub(super) fn end(&mut self, subject: &str) {
         self.0.remove(subject);
+    }
+
+    /// Nothing was read for so long, so nothing earlier could come.
+    pub(super) fn stood_still(&mut self, blocked: Duration) {
+        for (since, last) in self.0.values_mut() {
+            *since += blocked;
+            *last += blocked;
+        }
     }
 }
 
@@ -153,28 +185,39 @@ struct Elsewhere {
     last: Duration,
 }
 
+/// Tags that are remembered so: an edge may make up any number of them.
+const MOST_STRANGE: usize = 100_000;
+
 /// Tags whose samples are from elsewhere, by subject and tag.
 #[derive(Default)]
 pub(super) struct Strange(HashMap<(String, String), Elsewhere>);
 
 impl Strange {
-    /// What samples are of a tag that were read at `source`, by an edge that says it reads the tag at `own`.
+    /// What samples are of a tag that were read at `source`, by an edge that says it reads the tag at `own`; `None` where it has
+    /// not said that it has such a tag. They wait for so long for what it says.
     pub(super) fn origin(
         &mut self,
         (subject, tag): (&str, &str),
-        (source, own): (&str, &str),
-        now: Duration,
+        (source, own): (&str, Option<&str>),
+        (patience, now): (Duration, Duration),
     ) -> Origin {
-        if source == own && self.0.is_empty() {
+        let is_own = own == Some(source);
+        if is_own && self.0.is_empty() {
             return Origin::Own;
         }
         let place = (subject.to_string(), tag.to_string());
-        if source == own {
+        if is_own {
             // Only what was waited for ends the waiting: another edge may send under the same name.
             if self.0.get(&place).is_some_and(|known| known.source == source) {
                 self.0.remove(&place);
             }
             return Origin::Own;
+        }
+        if self.0.len() >= MOST_STRANGE && !self.0.contains_key(&place) {
+            self.0.retain(|_, known| now.saturating_sub(known.last) < QUIET);
+            if self.0.len() >= MOST_STRANGE {
+                return Origin::GivenUp;
+            }
         }
         let new = || Elsewhere { source: source.to_string(), since: Some(now), last: now };
         let known = self.0.entry(place).or_insert_with(new);
@@ -184,7 +227,7 @@ impl Strange {
         known.last = now;
         match known.since {
             None => Origin::Foreign,
-            Some(since) if now.saturating_sub(since) < ANNOUNCEMENT_WAIT => Origin::Waits,
+            Some(since) if now.saturating_sub(since) < patience => Origin::Waits,
             Some(_) => {
                 known.since = None;
                 Origin::GivenUp
@@ -295,7 +338,8 @@ mod tests {
     #[test]
     fn samples_from_elsewhere_wait_for_what_their_edge_says_and_then_are_left_out() {
         let mut strange = Strange::default();
-        let mut look = |source, own, now| strange.origin(("a", "pv"), (source, own), now);
+        let mut look =
+            |source, own, now| strange.origin(("a", "pv"), (source, Some(own)), (ANNOUNCEMENT_WAIT, now));
         assert_eq!(look("one", "one", SECOND), Origin::Own);
         assert_eq!(look("two", "one", 2 * SECOND), Origin::Waits);
         assert_eq!(look("two", "two", 3 * SECOND), Origin::Own, "the edge has said so");
@@ -327,16 +371,97 @@ mod tests {
     }
 
     #[test]
+    fn samples_of_a_tag_that_is_not_announced_wait_for_that() {
+        let mut strange = Strange::default();
+        let mut look = |own, patience, now| strange.origin(("a", "cv"), ("one", own), (patience, now));
+        assert_eq!(look(None, ANNOUNCEMENT_WAIT, SECOND), Origin::Waits);
+        assert_eq!(look(Some("one"), ANNOUNCEMENT_WAIT, 2 * SECOND), Origin::Own);
+        assert_eq!(look(None, GIVEN_UP, 3 * SECOND), Origin::Waits, "another configuration is in force");
+        let later = 4 * SECOND + ANNOUNCEMENT_WAIT;
+        assert_eq!(look(None, GIVEN_UP, later), Origin::Waits, "a list is still to be taken");
+        assert_eq!(look(None, ANNOUNCEMENT_WAIT, later), Origin::GivenUp, "told once");
+        assert_eq!(look(None, ANNOUNCEMENT_WAIT, later), Origin::Foreign);
+        assert_eq!(announcement_patience(0, None), GIVEN_UP);
+        assert_eq!(announcement_patience(0, Some(SECOND)), ANNOUNCEMENT_WAIT);
+        assert_eq!(announcement_patience(MANY + 1, None), ANNOUNCEMENT_WAIT, "nobody else is held up");
+    }
+
+    #[test]
+    fn tags_that_an_edge_makes_up_take_a_bounded_room() {
+        let mut strange = Strange::default();
+        let mut look = |at: usize, now| {
+            let tag = at.to_string();
+            let seen = strange.origin(("a", tag.as_str()), ("one", None), (ANNOUNCEMENT_WAIT, now));
+            (seen, strange.0.len())
+        };
+        (0..MOST_STRANGE).for_each(|at| assert_eq!(look(at, SECOND).0, Origin::Waits));
+        assert_eq!(look(MOST_STRANGE, SECOND), (Origin::GivenUp, MOST_STRANGE), "it is told all the same");
+        assert_eq!(look(MOST_STRANGE, SECOND + QUIET), (Origin::Waits, 1), "the others are gone");
+    }
+
+    #[test]
     fn a_message_waits_for_an_earlier_one_for_a_bounded_time() {
         let mut early = Early::default();
-        assert!(early.waits("a", 7, SECOND) && early.waits("a", 7, EARLY));
-        assert!(!early.waits("a", 7, SECOND + EARLY));
-        assert!(early.waits("a", 9, SECOND + EARLY), "another message, another wait");
+        assert!(early.waits("a", SECOND) && early.waits("a", EARLY));
+        assert!(!early.waits("a", SECOND + EARLY));
+        assert!(early.waits("a", SECOND + EARLY), "another gap, another wait");
         early.end("a");
-        assert!(early.waits("a", 9, 3 * EARLY) && early.0.len() == 1);
+        assert!(early.waits("a", 3 * EARLY) && early.0.len() == 1);
+        early.stood_still(SECOND);
+        assert!(early.waits("a", 4 * EARLY), "nothing was read meanwhile");
+        assert!(early.waits("a", 4 * EARLY + GIVEN_UP), "that was another gap");
+        assert!(!early.waits("a", 5 * EARLY + GIVEN_UP));
+    }
+
+    #[test]
+    fn what_was_put_off_comes_first_unless_it_was_deleted() {
+        let (mut order, mut early) = (Order::default(), Early::default());
+        let put_off = |order: &mut Order, early: &mut Early, sequence, now| {
+            assert!(early.waits("a", now));
+            order.put_off("a", sequence, now);
+        };
+        put_off(&mut order, &mut early, 7, SECOND);
+        let is_next = |order: &mut Order, early: &Early, now| early.is_next(order, ("a", 9), now);
+        assert!(!is_next(&mut order, &early, 2 * EARLY), "7 came first");
+        assert!(is_next(&mut order, &early, SECOND + 2 * EARLY));
+        assert!(order.put_off.is_empty());
+        // Without a gap it is waited for as long as its server may take.
+        early.end("a");
+        order.put_off("a", 7, SECOND);
+        assert!(!is_next(&mut order, &early, 2 * SECOND + 2 * EARLY));
     }
 
     proptest! {
+        /// A centre was away for longer than a full stream lasts. The first message that is left is early, and the stream deletes
+        /// each a while after it can be read. Those that are there come again and again.
+        #[test]
+        fn a_loop_whose_messages_are_deleted_before_their_turn_is_taken_again(
+            period in 1u32..60,
+            lasts in 2u32..60,
+            phase in 0u32..2,
+        ) {
+            let (mut order, mut early, mut taken) = (Order::default(), Early::default(), None);
+            // It is looked at again each 2 s, for a message of each period that lasts so long.
+            for at in (phase..600).step_by(2) {
+                let now = at * SECOND;
+                let there = (0..=at / period).filter(|k| at < k * period + lasts);
+                for sequence in there.map(u64::from) {
+                    if !early.is_next(&mut order, ("a", sequence), now) || early.waits("a", now) {
+                        order.put_off("a", sequence, now);
+                    } else if taken.is_none() {
+                        taken = Some(now);
+                        break;
+                    }
+                }
+                if taken.is_some() {
+                    break;
+                }
+            }
+            // The wait, the next message and the next look.
+            let most = 2 * EARLY + (period + 2) * SECOND;
+            prop_assert!(taken.is_some_and(|at| at <= most), "{taken:?}");
+        }
+
         /// Messages that come again and again, each unknown for a while, are taken in order.
         #[test]
         fn whatever_is_put_off_messages_are_taken_in_order(

@@ -4,7 +4,7 @@ use super::teller::TELLER;
 use super::{Fleet, PAUSE};
 use crate::fleet::lease::{Lease, Seen, Step};
 use crate::fleet::link::{Link, LinkError};
-use crate::fleet::streams::EVENTS;
+use crate::fleet::streams::{ALARMS, DIAGNOSES};
 use crate::fleet::subject::escaped;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::Duration;
@@ -62,11 +62,26 @@ impl Fleet {
         loop {
             tokio::time::sleep(PURGE).await;
             if self.leads()
-                && let Err(error) = link.purge_done(EVENTS, TELLER).await
+                && let Err(error) = self.purge(link).await
             {
                 tracing::debug!(%error, "what is done is not deleted yet");
             }
         }
+    }
+
+    /// Of alarms nothing goes that a centre has not read. Of diagnoses that goes once there is hardly room: a centre that has
+    /// stopped keeps nobody's back from the others.
+    async fn purge(&self, link: &Link) -> Result<(), LinkError> {
+        let own = reader(&self.name);
+        link.purge_done(ALARMS, &[TELLER, &own]).await?;
+        link.purge_done(DIAGNOSES, &[&own]).await?;
+        for reader in link.make_room(DIAGNOSES, &own).await? {
+            tracing::warn!(
+                reader,
+                "diagnoses are deleted that this centre has not read: their stream is nearly full, and it has stopped or is slow"
+            );
+        }
+        Ok(())
     }
 
     async fn look(&self, link: &Link, lease: &mut Lease) -> Result<(), LinkError> {

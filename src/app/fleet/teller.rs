@@ -2,16 +2,18 @@
 //! acknowledged once its receivers have it on disk. What a killed centre had not told comes to the one that leads next. What
 //! came while none led comes to it too.
 
-use super::centre::{alarm, begin, is_forgotten};
+use super::centre::begin;
+use super::events::{Heard, alarm, is_forgotten};
 use super::order::{Making, Order};
 use super::{Fleet, lock};
-use crate::alarm::{AlarmId, State};
-use crate::fleet::link::{Incoming, Link, LinkError};
-use crate::fleet::streams::EVENTS;
+use crate::alarm::{AlarmId, State, Transition};
+use crate::fleet::link::{Incoming, Link, LinkError, Mark};
+use crate::fleet::ops::LOG;
+use crate::fleet::streams::ALARMS;
 use crate::fleet::subject::{Subject, What, all, of_site};
 use crate::notify::Telling;
-use crate::results::AlarmChange;
 pub(super) use crate::results::NEWS_S;
+use crate::results::{AlarmChange, RestoredAlarm};
 use crate::signal::LoopId;
 use std::collections::{HashSet, VecDeque};
 use std::sync::{Arc, Mutex};
@@ -29,6 +31,8 @@ const WAIT: Duration = Duration::from_secs(1);
 const LOOK: Duration = Duration::from_millis(20);
 /// Longest wait until the page shows what people are told of.
 const SHOWN: Duration = Duration::from_secs(5);
+/// People are told of an alarm of a loop that is not known after this time: the list of its edge may be on its way.
+const UNKNOWN: Duration = Duration::from_secs(60);
 /// A change that a receiver lost is told again after this time.
 const AGAIN: Duration = Duration::from_secs(2);
 /// Messages are kept from being given to another centre so often while receivers work on them.
@@ -82,12 +86,12 @@ impl Firsts {
     }
 }
 
-/// The last messages that were told, by number: one whose acknowledgement was lost comes again.
+/// The last messages that were told: one whose acknowledgement was lost comes again.
 #[derive(Default)]
 struct Told {
     /// Of which making of the stream the numbers are.
     making: Making,
-    last: VecDeque<u64>,
+    last: VecDeque<Mark>,
     /// Those that are not acknowledged yet.
     held: HashSet<u64>,
     /// Those of them that every receiver has on disk.
@@ -106,14 +110,14 @@ impl Told {
     }
 
     /// Whether a message is told for the first time; from now on it was.
-    fn is_new(&mut self, sequence: u64) -> bool {
-        if self.last.contains(&sequence) {
+    fn is_new(&mut self, mark: Mark) -> bool {
+        if self.last.contains(&mark) {
             return false;
         }
         if self.last.len() == REMEMBERED {
             self.last.pop_front();
         }
-        self.last.push_back(sequence);
+        self.last.push_back(mark);
         true
     }
 
@@ -130,7 +134,7 @@ impl Told {
         self.held.remove(&sequence);
         lock(&self.kept).remove(&sequence);
         if !kept {
-            self.last.retain(|own| *own != sequence);
+            self.last.retain(|(own, _)| *own != sequence);
         }
     }
 
@@ -188,7 +192,7 @@ impl Fleet {
         let filter = all(None, What::Alarm);
         // Who has stopped to lead takes nothing that another is to tell.
         let reading = tokio::select! {
-            reading = begin(link, EVENTS, (TELLER, filter.as_str())) => reading,
+            reading = begin(link, ALARMS, (TELLER, filter.as_str())) => reading,
             () = self.is_over(stop) => return Ok(()),
         };
         let ((mut reading, made), mut order) = (reading?, Order::default());
@@ -236,12 +240,24 @@ impl Fleet {
                 self.put_off(&message, order).await;
                 continue;
             }
-            let Some(change) = self.news(&message, told.making.made()) else {
-                self.later(&message, order).await;
-                continue;
-            };
-            order.taken(message.subject(), message.sequence());
-            let change = change.filter(|_| told.is_new(message.sequence()));
+            let (change, is_known) = self.news(&message, told.making.made());
+            if is_known {
+                order.taken(message.subject(), message.sequence());
+            } else {
+                if change.is_some() && self.may_be_known(&message, order, UNKNOWN) {
+                    self.put_off(&message, order).await;
+                    continue;
+                }
+                order.end(message.subject(), message.sequence());
+                if change.is_some() {
+                    tracing::warn!(
+                        target: LOG,
+                        subject = message.subject(),
+                        "people are told of an alarm that this centre does not show: no edge has announced its loop, or the list cannot be taken"
+                    );
+                }
+            }
+            let change = change.filter(|_| told.is_new(message.mark()));
             let telling = change.map(|change| self.outlet.tell(change));
             if stop.is_cancelled() {
                 // Receivers may have ended before they heard of it: it is told after the next start.
@@ -251,34 +267,53 @@ impl Fleet {
         }
     }
 
-    /// What a message of the stream that was made then has to tell, if anything; `None` where its loop is not known.
-    fn news(&self, message: &Incoming, made: i128) -> Option<Option<AlarmChange>> {
-        let own = Subject::read(message.subject())?;
+    /// What a message of the stream that was made then has to tell, if anything, and whether its loop is known.
+    fn news(&self, message: &Incoming, made: i128) -> (Option<AlarmChange>, bool) {
+        let Some(own) = Subject::read(message.subject()) else { return (None, true) };
         let id = LoopId::new(of_site(&own.site, &own.name));
-        let Some((kept, change)) = alarm(&id, message) else { return Some(None) };
-        self.to_tell(&kept.id, change, (made, message.sequence()))
+        let Some(heard) = alarm(&id, message) else { return (None, true) };
+        self.to_tell(&own.site, heard, (made, message.sequence()))
     }
 
     /// What of a change of an alarm is to be told, as `news` says it.
-    fn to_tell(
-        &self,
-        id: &AlarmId,
-        change: Option<AlarmChange>,
-        at: (i128, u64),
-    ) -> Option<Option<AlarmChange>> {
+    fn to_tell(&self, site: &str, heard: Heard, at: (i128, u64)) -> (Option<AlarmChange>, bool) {
+        let (id, edge) = (heard.kept.id.clone(), heard.edge.as_str());
         // Of a loop that its edge has no more nothing is known any longer, and its alarm is over.
-        let is_known = change.as_ref().is_some_and(is_forgotten) || self.is_known(id);
-        is_known.then_some(())?;
+        let is_known = heard.change.as_ref().is_some_and(is_forgotten) || self.is_known(&id);
         // A kind that is switched off here is not shown, and nobody is told of it.
         let is_enabled = self.scene.borrow().config.alarm.is_enabled(id.kind);
         let is_told = |change: &AlarmChange| change.told || self.firsts.is_repeated(change, at);
-        let is_past = |change: &AlarmChange| change.transition.at < self.clock.now() - NEWS_S;
-        let change = change.filter(|change| is_enabled && !is_told(change) && !is_past(change));
+        let is_past = |change: &AlarmChange| {
+            let is_old = self.age_s((site, edge), change.transition.at) > NEWS_S;
+            let is_past = is_old && !self.is_standing(&heard.kept, change);
+            if is_past {
+                tracing::info!(target: LOG, alarm = %id, at = change.transition.at, "people are not told: it is more than a day ago, and over");
+            }
+            is_past
+        };
+        let change = heard.change.as_ref();
+        let change = change.filter(|change| is_enabled && !is_told(change) && !is_past(change)).cloned();
         // Its edge knows of no flood but its own.
-        Some(change.map(|change| {
-            let grouped = self.results.is_grouped(id, &change.transition);
+        let change = change.map(|change| {
+            let grouped = self.results.is_grouped(&id, &change.transition);
             AlarmChange { grouped, ..change }
-        }))
+        });
+        (change, is_known)
+    }
+
+    /// How long ago something happened that an edge stamped with `at` (s): by the server's clock, and by how far the edge's is
+    /// ahead of that.
+    fn age_s(&self, (site, edge): (&str, &str), at: f64) -> f64 {
+        let ahead_s = lock(&self.machines).ahead_s(site, edge);
+        self.server_now() - (at - ahead_s)
+    }
+
+    /// Whether an alarm still waits for somebody since a change, as far as its edge and everything that we know say.
+    fn is_standing(&self, kept: &RestoredAlarm, change: &AlarmChange) -> bool {
+        let Transition { at, to, .. } = change.transition;
+        let known = self.results.alarm(&kept.id, self.clock.now());
+        let is_over = known.and_then(|own| own.since).is_some_and(|since| since > at);
+        to.wants_acknowledgement() && kept.saved.flags.since == Some(at) && !is_over
     }
 }
 
@@ -306,8 +341,8 @@ async fn end(message: Incoming, telling: Option<Telling>, noted: &Mutex<HashSet<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::alarm::Transition;
-    use crate::results::RestoredAlarm;
+    use crate::alarm::{Flags, Saved};
+    use crate::app::fleet::tests::centre;
 
     fn change(at: f64) -> AlarmChange {
         let change = crate::notify::change();
@@ -336,41 +371,88 @@ mod tests {
     async fn a_message_of_a_stream_that_was_made_anew_is_told_though_its_number_was() {
         let mut told = Told::default();
         told.are_of(7).await;
-        assert!(told.is_new(5));
+        assert!(told.is_new((5, 1)));
         told.are_of(7).await;
-        assert!(!told.is_new(5));
+        assert!(!told.is_new((5, 1)));
         told.are_of(8).await;
-        assert!(told.is_new(5));
+        assert!(told.is_new((5, 1)));
+    }
+
+    /// What an edge says of a change of an alarm, which stands as these flags say.
+    fn heard(id: &str, change: &AlarmChange, flags: Flags) -> Heard {
+        let (id, saved) = (AlarmId::named(id), Saved { flags, ..Saved::default() });
+        let kept = RestoredAlarm { id: id.clone(), saved, by: None, comment: None, detail: String::new() };
+        Heard { kept, change: Some(AlarmChange { id, ..change.clone() }), edge: "e1".to_string() }
     }
 
     #[test]
     fn a_kind_that_is_switched_off_is_passed_and_an_unknown_loop_waits() {
-        let (fleet, results) = crate::app::fleet::tests::centre("north:L0");
-        let at = |id: &str| {
-            let own = change(fleet.clock.now());
-            let id = AlarmId::named(id);
-            fleet.to_tell(&id, Some(AlarmChange { id: id.clone(), ..own }), (7, 1))
+        let (fleet, results) = centre("north:L0");
+        let told = |id: &str| {
+            let heard = heard(id, &change(fleet.clock.now()), Flags::default());
+            let (change, is_known) = fleet.to_tell("north", heard, (7, 1));
+            (change.is_some(), is_known)
         };
-        let told = |id: &str| at(id).map(|change| change.is_some());
-        assert_eq!(told("north:L0/stiction"), Some(true));
-        assert_eq!(told("north:L0/f_rising"), Some(false), "it is switched off");
-        assert_eq!(told("north:L1/stiction"), None, "it may be on its way");
-        assert_eq!(told("north:dcs/collector_down"), Some(false), "it is switched off");
-        assert_eq!(told("north:other/collector_down"), None);
+        assert_eq!(told("north:L0/stiction"), (true, true));
+        assert_eq!(told("north:L0/f_rising"), (false, true), "it is switched off");
+        assert_eq!(
+            told("north:L1/stiction"),
+            (true, false),
+            "its list may be on its way; people are told in the end"
+        );
+        assert_eq!(told("north:dcs/collector_down"), (false, true), "it is switched off");
+        assert_eq!(told("north:other/collector_down"), (false, false));
         assert!(results.alarm(&AlarmId::named("north:L0/f_rising"), 0.0).is_none());
     }
 
     #[test]
+    fn of_what_is_long_ago_people_are_told_if_it_still_waits_for_them() {
+        let (fleet, results) = centre("north:L0");
+        let then = fleet.clock.now() - 2.0 * NEWS_S;
+        let raised = Flags { active: true, acknowledged: false, since: Some(then), ..Flags::default() };
+        let is_told = |id: &str, flags: Flags| {
+            fleet.to_tell("north", heard(id, &change(then), flags), (7, 1)).0.is_some()
+        };
+        let id = "north:L0/stiction";
+        assert!(is_told(id, raised), "it has stood since then");
+        assert!(is_told("north:L1/stiction", raised), "of a loop that is not known, too");
+        let later = Some(then + 60.0);
+        assert!(!is_told(id, Flags { since: later, ..raised }), "its edge has told more of it since");
+        assert!(!is_told(id, Flags::default()));
+        // What came after it may have been heard of already.
+        let acknowledged = Flags { acknowledged: true, since: later, ..raised };
+        let own = heard(id, &change(then + 60.0), acknowledged);
+        results.follow_alarm(own.kept, None, fleet.clock.now());
+        assert!(!is_told(id, raised), "somebody has seen it");
+    }
+
+    #[test]
+    fn an_edge_whose_clock_is_behind_has_people_told_all_the_same() {
+        let (fleet, _results) = centre("north:L0");
+        // Its clock says 1970, or is ahead by days.
+        for behind_s in [fleet.clock.now(), -2.0 * NEWS_S] {
+            let now = fleet.clock.now();
+            fleet.machine_is_ahead("north", "e1", -behind_s);
+            let is_told = |ago_s: f64| {
+                let change = change(now - behind_s - ago_s);
+                fleet
+                    .to_tell("north", heard("north:L0/stiction", &change, Flags::default()), (7, 1))
+                    .0
+                    .is_some()
+            };
+            assert!(is_told(60.0) && !is_told(NEWS_S + 60.0), "{behind_s}");
+        }
+    }
+
+    #[test]
     fn what_belongs_to_a_flood_of_all_edges_is_told_as_such() {
-        let (fleet, results) = crate::app::fleet::tests::centre("north:L0");
-        let (own, now) = (AlarmId::named("north:L0/stiction"), fleet.clock.now());
+        let (fleet, results) = centre("north:L0");
+        let now = fleet.clock.now();
         let most = crate::alarm::Config::default().flood_raises;
         let is_grouped = |back: usize| {
-            let change = AlarmChange { id: own.clone(), ..change(now - back as f64) };
-            let (id, saved) = (own.clone(), crate::alarm::Saved::default());
-            let kept = RestoredAlarm { id, saved, by: None, comment: None, detail: String::new() };
-            results.follow_alarm(kept, Some(change.clone()), now);
-            fleet.to_tell(&own, Some(change), (7, 1)).flatten().expect("it is news").grouped
+            let own = || heard("north:L0/stiction", &change(now - back as f64), Flags::default());
+            results.follow_alarm(own().kept, own().change, now);
+            fleet.to_tell("north", own(), (7, 1)).0.expect("it is news").grouped
         };
         let grouped: Vec<bool> = (0..most + 2).map(is_grouped).collect();
         assert!(grouped[..most].iter().all(|own| !own) && grouped[most] && grouped[most + 1], "{grouped:?}");
@@ -379,16 +461,18 @@ mod tests {
     #[test]
     fn a_message_that_comes_again_is_told_once_unless_a_receiver_lost_it() {
         let mut told = Told::default();
-        assert!(told.is_new(1) && told.is_new(2) && !told.is_new(1) && !told.is_new(2));
+        assert!(told.is_new((1, 1)) && told.is_new((2, 2)) && !told.is_new((1, 1)) && !told.is_new((2, 2)));
+        // A server that has lost the second uses its number again.
+        assert!(told.is_new((2, 9)));
         told.end(1, false);
-        assert!(told.is_new(1));
+        assert!(told.is_new((1, 1)));
     }
 
     #[test]
     fn what_is_remembered_is_bounded() {
         let (mut told, firsts) = (Told::default(), Firsts::default());
         let most = 2 * REMEMBERED as u64;
-        assert!((0..most).all(|at| told.is_new(at)));
+        assert!((0..most).all(|at| told.is_new((at, 1))));
         (0..most).for_each(|at| firsts.note(&change(at as f64), (7, at)));
         assert_eq!((told.last.len(), firsts.0.lock().unwrap().1.len()), (REMEMBERED, REMEMBERED));
     }

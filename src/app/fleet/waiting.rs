@@ -1,7 +1,15 @@
 //! Orders of people on their way to the streams: who answers them has to know that they are kept.
 
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use super::{Fleet, lock, orders};
+use crate::fleet::link::{Link, Outgoing};
+use crate::fleet::subject::{self, Subject, What};
+use crate::serve::AskDurable;
+use prost::Message;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
+
+/// Longest wait for an order to be kept: longer than one answer of the server takes.
+const PATIENCE: Duration = Duration::from_secs(5);
 
 #[derive(Debug, Default)]
 struct Count {
@@ -45,10 +53,44 @@ impl Waiting {
     }
 }
 
+impl Fleet {
+    /// Passes on what people want done about alarms.
+    pub(super) async fn pass_on(&self, link: &Link) {
+        let mut wanted = self.wanted.lock().await;
+        while let Some((own, epoch)) = wanted.recv().await {
+            let subject = own.id.subject.to_string();
+            let mut kept = false;
+            if let Some((site, name)) = subject::split(&subject) {
+                let to = Subject::new(site, name, What::Action).to_string();
+                let edge = lock(&self.claims).owner(&subject).unwrap_or_default().to_string();
+                let order = orders::action(own, (name, edge.as_str()), epoch);
+                let message = [Outgoing::once(to, order.encode_to_vec())];
+                let sending = async {
+                    while let Err((_, error)) = link.send(&message).await {
+                        self.rest(&error, "an order waits").await;
+                    }
+                };
+                kept = tokio::time::timeout(PATIENCE, sending).await.is_ok();
+                if !kept {
+                    tracing::error!(
+                        subject,
+                        "an order is given up: the streams have not said that they take it; its edge may still do it, once the line is back"
+                    );
+                }
+            }
+            self.orders_waiting.end(kept);
+        }
+    }
+
+    /// Waits for orders of people to be in the streams too, where this is a centre.
+    pub(in crate::app) fn with_orders(self: Arc<Self>, durable: AskDurable) -> AskDurable {
+        Arc::new(move || self.orders_waiting.are_kept(PATIENCE) && durable())
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::sync::Arc;
 
     #[test]
     fn who_waits_hears_that_an_order_is_kept() {

@@ -16,6 +16,8 @@ use std::sync::Arc;
 const MOST_SAMPLES: usize = 200_000;
 /// Longest text about a window (bytes); it takes some thousand.
 const MOST_BASIS: usize = 1 << 20;
+/// Another version may find something else in the same window.
+const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// The message that asks for a diagnosis; `None` for what cannot be written, or would not be read.
 pub(super) fn of(asked: &Asked, answer_within_s: f64) -> Option<Window> {
@@ -28,7 +30,13 @@ pub(super) fn of(asked: &Asked, answer_within_s: f64) -> Option<Window> {
         started: asked.started,
         on_demand: asked.trigger == Trigger::OnDemand,
         answer_within_s,
+        version: VERSION.to_string(),
     })
+}
+
+/// Whether a worker of this version may diagnose a window.
+pub(super) fn is_of_this_version(window: &Window) -> bool {
+    window.version == VERSION
 }
 
 /// What is to be diagnosed.
@@ -36,6 +44,10 @@ pub(super) fn of(asked: &Asked, answer_within_s: f64) -> Option<Window> {
 /// # Errors
 /// What does not fit together, in one line.
 pub(super) fn read(window: &Window) -> Result<(Basis, Record), String> {
+    if !is_of_this_version(window) {
+        let asked = &window.version;
+        return Err(format!("it was asked by version {asked:?}, and this worker has version {VERSION:?}"));
+    }
     let text = Some(&window.basis).filter(|text| text.len() <= MOST_BASIS);
     let basis =
         text.and_then(|text| BasisText::read(text)).ok_or("its settings cannot be read by this version")?;
@@ -62,12 +74,14 @@ pub(super) fn message(run: &Run) -> RunMessage {
     convert::run(diagnosis_row(run, &run.summary()), effects, run.unexplained())
 }
 
-/// The run that a message tells of, with the loop's name where it is kept.
-pub(super) fn run(id: LoopId, message: &RunMessage) -> Option<Run> {
+/// The run that a message tells of, with the loop's name where it is kept; and whether this version can read its report and what
+/// it worked on. A report that it cannot read is kept for one that can.
+pub(super) fn run(id: LoopId, message: &RunMessage) -> (Run, bool) {
     let row = convert::diagnosis_row(message);
     let basis = row.basis.as_deref().and_then(unpack).and_then(|text| BasisText::read(&text)).map(Arc::new);
-    let told = told(message)?;
-    Some(Run {
+    let (told, is_read) = told(message);
+    let is_whole = is_read && basis.is_some() == row.basis.is_some();
+    let run = Run {
         id,
         started: row.finished - row.took_s,
         finished: row.finished,
@@ -76,31 +90,85 @@ pub(super) fn run(id: LoopId, message: &RunMessage) -> Option<Run> {
         op_span: basis.as_ref().and_then(|basis| basis.op_span),
         basis,
         outcome: Outcome::Elsewhere(Box::new(told)),
-    })
+    };
+    (run, is_whole)
 }
 
-/// What an answer says; `None` where the worker could not tell.
+/// What an answer says; `None` where the worker could not tell, or this version cannot read what it says.
 pub(super) fn answered(answer: &Answer) -> Option<Told> {
-    told(answer.run.as_ref()?)
+    let (told, is_read) = told(answer.run.as_ref()?);
+    is_read.then_some(told)
 }
 
-fn told(message: &RunMessage) -> Option<Told> {
+/// What a message says of a run, and whether this version can read its report, if it has one.
+fn told(message: &RunMessage) -> (Told, bool) {
     let row = convert::diagnosis_row(message);
     let report = row.report.as_deref().and_then(unpack);
     let read = report.as_deref().and_then(Report::read);
-    // A report that this version cannot read is no diagnosis to it.
-    (report.is_none() || read.is_some()).then_some(())?;
+    let is_read = read.is_some() == row.report.is_some();
     let effect = |effect: &Effect| {
         let kind = residual::Kind::ALL.into_iter().find(|kind| kind.as_str() == effect.kind)?;
         Some((kind, effect.tag.clone()))
     };
-    Some(Told {
+    let told = Told {
         summary: summary(&row),
         quality: read.as_ref().map(|report| report.quality().to_string()).unwrap_or_default(),
         doubtful: read.as_ref().is_some_and(|report| report.doubtful),
         structure: read.as_ref().and_then(Report::structure),
+        fitted_until: read.as_ref().and_then(|report| report.window.end),
         report: report.map(Into::into),
         effects: message.effects.iter().filter_map(effect).collect(),
         unexplained: message.unexplained,
-    })
+        version: row.version,
+    };
+    (told, is_read)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::pack;
+
+    /// What an edge says of a diagnosis with such a report.
+    fn said(report: &str) -> RunMessage {
+        RunMessage {
+            finished: 100.0,
+            outcome: "stiction".to_string(),
+            version: "9.9.9".to_string(),
+            report: pack(report),
+            ..RunMessage::default()
+        }
+    }
+
+    #[test]
+    fn a_diagnosis_whose_report_this_version_cannot_read_is_kept_with_it() {
+        let text = "{\"of\":\"a later version\"}";
+        let (run, is_whole) = run(LoopId::new("north:FIC1"), &said(text));
+        assert!(!is_whole);
+        assert_eq!((run.outcome.as_str(), run.finished), ("stiction", 100.0));
+        let row = diagnosis_row(&run, &run.summary());
+        assert_eq!(row.report.as_deref().and_then(unpack).as_deref(), Some(text));
+        assert_eq!(row.version, "9.9.9", "it was made by that version");
+        let answer = Answer { run: Some(said(text)), ..Answer::default() };
+        assert!(answered(&answer).is_none(), "it is no diagnosis to who asked");
+    }
+
+    #[test]
+    fn a_run_that_failed_is_whole_and_one_whose_report_is_damaged_is_not() {
+        let failed = RunMessage { report: None, ..said("") };
+        assert!(run(LoopId::new("a"), &failed).1);
+        let damaged = RunMessage { report: Some(vec![1, 2, 3]), ..said("") };
+        let (run, is_whole) = run(LoopId::new("a"), &damaged);
+        assert!(!is_whole && diagnosis_row(&run, &run.summary()).report.is_none());
+    }
+
+    #[test]
+    fn a_window_of_another_version_is_refused() {
+        let why = |version: &str| {
+            let window = Window { version: version.to_string(), ..Window::default() };
+            read(&window).expect_err("it has no settings either")
+        };
+        assert!(why("9.9.9").contains("9.9.9") && why("").contains("version"), "{}", why(""));
+        assert!(!why(VERSION).contains("version \""), "{}", why(VERSION));
+    }
 }

@@ -5,6 +5,7 @@ use super::{Fleet, PAUSE, window};
 use crate::app::App;
 use crate::fleet::link::{Incoming, Link, digest};
 use crate::fleet::message::{Answer, Window};
+use crate::fleet::ops::LOG;
 use crate::fleet::streams::WINDOWS;
 use crate::fleet::subject::{Subject, What, all};
 use crate::fleet::weights;
@@ -65,6 +66,13 @@ impl Fleet {
         }
     }
 
+    /// How long a window has waited that its stream took at `taken` (s): by the server's clock, because ours may be wrong, and a
+    /// worker that takes all windows for old ones would take them away from those that answer.
+    fn waited(&self, taken: f64) -> f64 {
+        self.hear_server(taken);
+        self.server_now() - taken
+    }
+
     /// Diagnoses one window and answers.
     async fn work(&self, link: &Link, incoming: Incoming, diagnose: Diagnose) {
         let subject = incoming.subject().to_string();
@@ -74,11 +82,15 @@ impl Fleet {
             let _ = incoming.done().await;
             return;
         };
-        let waited = incoming.taken_at().map_or(0.0, |taken| self.clock.now() - taken);
+        let waited = incoming.taken_at().map_or(0.0, |taken| self.waited(taken));
         if waited > window.answer_within_s {
-            // Who asked has diagnosed it by now.
-            let _ = incoming.done().await;
-            return;
+            // Who asked has diagnosed it by now. If we are wrong, another worker may still answer.
+            tracing::warn!(target: LOG, subject, waited_s = waited, "a window has waited for too long, so it is left to others");
+            return incoming.again(PAUSE).await;
+        }
+        if !window::is_of_this_version(&window) && incoming.times_given() < ATTEMPTS {
+            // It is refused at once, so a worker of another version is always free: another may be of the right one.
+            return incoming.again(PAUSE).await;
         }
         let (id, began) = (LoopId::new(window.control_loop.as_str()), Instant::now());
         let deadline_s = self.scene.borrow().config.schedule.deadline_s;
@@ -151,4 +163,23 @@ fn run(id: LoopId, window: &Window, diagnose: &Diagnose) -> Result<Run, String> 
         basis: Some(Arc::new(basis)),
         outcome,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::app::fleet::tests::centre;
+
+    #[test]
+    fn a_clock_that_is_wrong_makes_no_window_old() {
+        let (fleet, _results) = centre("north:FIC1");
+        for off_s in [-86_400.0, 0.0, 120.0, 3600.0] {
+            let server = fleet.clock.now() + off_s;
+            // Of another server.
+            *crate::app::fleet::lock(&fleet.server) = Default::default();
+            let waited = fleet.waited(server);
+            assert!((-1e-3..1.0).contains(&waited), "{waited} s at {off_s}");
+            let waited = fleet.waited(server - 90.0);
+            assert!((90.0..100.0).contains(&waited), "{waited} s at {off_s}");
+        }
+    }
 }

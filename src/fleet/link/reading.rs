@@ -2,6 +2,7 @@
 
 use super::again::{Again, Came, HELD, MARGIN};
 use super::error::{LinkError, away};
+use super::given::{Given, Mark};
 use crate::fleet::ops::MOST_ANSWER;
 use async_nats::jetstream;
 use async_nats::jetstream::consumer::{Consumer, pull};
@@ -64,6 +65,13 @@ impl Incoming {
         self.message.info().map_or(0, |info| info.stream_sequence)
     }
 
+    /// What tells it apart from all others of its stream.
+    pub fn mark(&self) -> Mark {
+        self.message
+            .info()
+            .map_or((0, 0), |info| (info.stream_sequence, info.published.unix_timestamp_nanos()))
+    }
+
     /// When the stream took it (s since the Unix epoch), by the server's clock.
     pub fn taken_at(&self) -> Option<f64> {
         let taken = self.message.info().ok()?.published;
@@ -73,6 +81,11 @@ impl Incoming {
     /// Whether it was delivered before.
     pub fn is_again(&self) -> bool {
         self.message.info().is_ok_and(|info| info.delivered > 1)
+    }
+
+    /// How often it was delivered, with this time.
+    pub fn times_given(&self) -> i64 {
+        self.message.info().map_or(1, |info| info.delivered)
     }
 
     /// It is done, and never delivered again.
@@ -108,6 +121,8 @@ pub struct Reading {
     broken: Option<LinkError>,
     /// The number that the server gives to the next message, where this is the only reader.
     next: Option<u64>,
+    /// Notes what was given, where this is the only reader of its name.
+    given: Option<Given>,
     /// What was given before and not done: it comes first.
     again: Again<Incoming>,
     /// How many of the messages that the stream had when this reading began have not come yet.
@@ -119,10 +134,11 @@ impl Reading {
     pub(super) fn shared(consumer: Consumer<pull::Config>) -> Self {
         let left = consumer.cached_info().num_pending;
         let again = Again::new(0, Instant::now());
-        Self { consumer, portion: PORTION, broken: None, next: None, again, left }
+        Self { consumer, portion: PORTION, broken: None, next: None, given: None, again, left }
     }
 
-    fn alone(consumer: Consumer<pull::Config>) -> Self {
+    /// The only reader.
+    pub(super) fn alone(consumer: Consumer<pull::Config>) -> Self {
         let given = consumer.cached_info().delivered.consumer_sequence;
         Self { next: Some(given.saturating_add(1)), ..Self::shared(consumer) }
     }
@@ -136,8 +152,11 @@ impl Reading {
     ///
     /// # Errors
     /// [`LinkError::Away`].
-    pub(super) async fn from_first(consumer: Consumer<pull::Config>) -> Result<Self, LinkError> {
-        let mut reading = Self::alone(consumer);
+    pub(super) async fn from_first(
+        consumer: Consumer<pull::Config>,
+        given: Option<Given>,
+    ) -> Result<Self, LinkError> {
+        let mut reading = Self { given, ..Self::alone(consumer) };
         // By then the server gives all of it again, in any order. One that was started meanwhile counts from its start, and gives
         // what is new before that.
         reading.again = Again::new(reading.consumer.cached_info().num_ack_pending, Instant::now());
@@ -216,6 +235,9 @@ impl Reading {
         if let Some(error) = self.broken.take() {
             return Err(error);
         }
+        if let Some(given) = &self.given {
+            given.is_connected()?;
+        }
         let most = most.min(self.portion);
         let asked = self.consumer.batch().max_messages(most).expires(patience).messages();
         let mut messages = asked.await.map_err(away)?;
@@ -242,6 +264,11 @@ impl Reading {
         };
         // A server that has gone says nothing more; what came before is taken all the same.
         let ended = tokio::time::timeout(patience + SILENT, reading).await;
+        let last = all.iter().map(Incoming::mark).max();
+        if let Some((given, last)) = self.given.as_mut().zip(last) {
+            // Where it fails the connection is lost, and what is not noted comes again.
+            let _ = given.note(last).await;
+        }
         match ended.unwrap_or_else(|_| Err(away("no answer"))) {
             Err(error) if all.is_empty() => Err(error),
             ended => {

@@ -14,13 +14,14 @@ fn is_read<M: Message + Default>(bytes: &[u8]) -> bool {
 }
 
 /// As every kind of message, in the order of the file.
-fn as_each(bytes: &[u8]) -> [bool; 10] {
+fn as_each(bytes: &[u8]) -> [bool; 11] {
     [
         is_read::<Samples>(bytes),
         is_read::<Window>(bytes),
         is_read::<Answer>(bytes),
         is_read::<Diagnosis>(bytes),
         is_read::<Alarm>(bytes),
+        is_read::<States>(bytes),
         is_read::<Action>(bytes),
         is_read::<HelloPart>(bytes),
         is_read::<Hello>(bytes),
@@ -47,11 +48,11 @@ fn what_is_cut_or_of_another_kind_is_refused() {
     assert!(is_read::<Hello>(&whole) && !is_read::<Hello>(&whole[..whole.len() - 1]));
     // A length of 4 GB, a group that nobody knows how to end, and a field without a number.
     for bytes in [&b"\x0a\xff\xff\xff\xff\x0f"[..], b"\x0b\x0b\x0b", b"\x02\x00", b"\xff"] {
-        assert_eq!(as_each(bytes), [false; 10], "{bytes:?}");
+        assert_eq!(as_each(bytes), [false; 11], "{bytes:?}");
     }
-    assert_eq!(as_each(b""), [true; 10], "a message of defaults");
+    assert_eq!(as_each(b""), [true; 11], "a message of defaults");
     // A field of a later version.
-    assert_eq!(as_each(b"\xfa\x7f\x02hi"), [true; 10]);
+    assert_eq!(as_each(b"\xfa\x7f\x02hi"), [true; 11]);
 }
 
 proptest! {

@@ -68,6 +68,7 @@ fn every_text_and_list_of_each_message_is_weighed() {
     is_weighed::<Effect>(&[]);
     is_weighed::<Model>(&[]);
     is_weighed::<Alarm>(&[]);
+    is_weighed::<States>(&[]);
     is_weighed::<AlarmState>(&[]);
     is_weighed::<AlarmChange>(&[]);
     is_weighed::<Action>(&[]);
@@ -126,7 +127,7 @@ pub fn hello(loops: usize, tags: usize) -> Hello {
 fn a_message_as_long_as_any_is_taken_and_its_block_is_not_copied() {
     let samples: Vec<Sample> = (0..2000).map(|at| Sample::good(f64::from(at), 0.1 * f64::from(at))).collect();
     let tags = vec![block("op", "dcs1 holding 1 f32", &samples); 4];
-    let own = Samples { tags, places: Vec::new() };
+    let own = Samples { tags, ..Samples::default() };
     let bytes = Bytes::from(own.encode_to_vec());
     let back: Samples = read("a", bytes.clone()).expect("ours");
     for tag in &back.tags {
@@ -134,7 +135,7 @@ fn a_message_as_long_as_any_is_taken_and_its_block_is_not_copied() {
     }
     assert_eq!(back, own);
     let long = TagSamples { block: vec![1_u8; 8_000_000].into(), ..TagSamples::default() };
-    assert!(is_taken::<Samples>(&Samples { tags: vec![long], places: Vec::new() }.encode_to_vec()));
+    assert!(is_taken::<Samples>(&Samples { tags: vec![long], ..Samples::default() }.encode_to_vec()));
     let run = Run { report: Some(vec![1_u8; 8_000_000]), ..Run::default() };
     assert!(is_taken::<Diagnosis>(&Diagnosis { run: Some(run), ..Diagnosis::default() }.encode_to_vec()));
 }

@@ -11,9 +11,11 @@ fn elsewhere(of: &Run) -> Run {
         report: Some("{}".into()),
         quality: "good".into(),
         doubtful: false,
+        fitted_until: None,
         effects: vec![(crate::residual::Kind::Drift, None)],
         structure: None,
         unexplained: None,
+        version: "0.1.0".into(),
     };
     Run { outcome: Outcome::Elsewhere(Box::new(told)), ..of.clone() }
 }
@@ -148,6 +150,27 @@ fn a_run_after_a_clock_was_set_back_is_the_latest_though_one_before_is_stamped_l
     assert_eq!(shown(9001.0), Some(9000.0), "that one only came late");
     assert!(results.learn(elsewhere(&sticky(5000.0)), None, 5001.0));
     assert_eq!(shown(5001.0), Some(5000.0));
+}
+
+#[test]
+fn runs_that_come_once_more_after_years_do_not_take_the_place_of_the_latest() {
+    let results = results(3);
+    let shown = || {
+        let known = results.get(&id(), 9000.0).expect("A is there");
+        (known.summary.map(|own| own.time), known.last.map(|own| own.time))
+    };
+    let times =
+        || -> Vec<f64> { results.summaries(&id()).unwrap_or_default().iter().map(|own| own.time).collect() };
+    let learn = |time: f64| results.learn(elsewhere(&sticky(time)), None, 9000.0);
+    assert!([1001.0, 1003.0, 1004.0].into_iter().all(learn));
+    // The stream was made anew, and its edge sends all that it ever found.
+    assert!((1..=20).map(f64::from).all(learn), "they may not be in the store");
+    assert_eq!((times(), shown()), (vec![1001.0, 1003.0, 1004.0], (Some(1004.0), Some(1004.0))));
+    // One that was missing comes to its place, and a new one behind them.
+    assert!(learn(1002.0));
+    assert_eq!((times(), shown().0), (vec![1002.0, 1003.0, 1004.0], Some(1004.0)));
+    assert!(!learn(1003.0) && learn(1005.0));
+    assert_eq!((times(), shown().0), (vec![1003.0, 1004.0, 1005.0], Some(1005.0)));
 }
 
 #[test]
