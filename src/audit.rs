@@ -18,7 +18,9 @@ mod verify;
 
 pub use config::Config;
 pub use page::{Line, Page, page};
-pub use recorder::{Fault, Recorder};
+#[cfg(all(test, feature = "writeback"))]
+pub(crate) use recorder::Hung;
+pub use recorder::{Fault, ON_RECORD, Recorder};
 pub use renew::{Renewed, renew};
 pub use verify::{Broken, Verified, verify};
 

@@ -152,6 +152,11 @@ fn registers_that_another_uses_are_refused() {
             "max_step_ms: 2000 must be at least write_ms + 4 timeout_ms",
         ),
         (
+            "heartbeat_timeout_ms = 10000",
+            "heartbeat_timeout_ms = 6000",
+            "heartbeat_timeout_ms: 6000 must be more than max_step_ms + 4 timeout_ms = 6000",
+        ),
+        (
             "op_margin_percent = 5.0",
             "op_margin_percent = 1.0",
             "op_margin_percent: 1 must be at least clamp_percent",

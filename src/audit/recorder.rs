@@ -1,16 +1,20 @@
 //! Puts everything on record: one thread that owns the audit log, so that waiting for the disk delays no timer.
 
 use super::{self as audit, AuditError, Bounds, Log, before, open_head};
+use std::collections::VecDeque;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 use tokio::sync::oneshot;
 
 /// Entries that may wait for the disk.
 const QUEUE: usize = 4096;
+/// Longest wait for an entry to be on disk, once those before it are: a disk that takes longer hangs.
+pub const ON_RECORD: Duration = Duration::from_secs(5);
 /// Entries that share one wait for the disk.
 const BATCH: usize = 512;
 
@@ -37,8 +41,9 @@ pub struct Recorder {
 #[derive(Clone, Default)]
 struct State {
     failed: Arc<AtomicBool>,
-    /// Somebody waited for an entry in vain, and nothing was written since.
-    late: Arc<AtomicBool>,
+    /// Since when each entry waits that is not on disk yet, the oldest first; none for longer than since the batch before it was
+    /// written.
+    waiting: Arc<Mutex<VecDeque<Instant>>>,
     /// Why it failed for good, once that is known.
     fault: Arc<OnceLock<Fault>>,
 }
@@ -48,6 +53,24 @@ impl State {
         // What failed first is the reason.
         let _ = self.fault.set(fault);
         self.failed.store(true, Relaxed);
+    }
+
+    fn waiting(&self) -> MutexGuard<'_, VecDeque<Instant>> {
+        self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The first of those that wait are on disk. What waits behind them begins to wait for the disk now: two syncs that each take
+    /// their time are no disk that hangs.
+    fn written(&self, count: usize) {
+        let mut waiting = self.waiting();
+        waiting.drain(..count);
+        let now = Instant::now();
+        waiting.iter_mut().for_each(|since| *since = now);
+    }
+
+    /// Whether the disk keeps an entry waiting for too long.
+    fn hangs(&self) -> bool {
+        self.waiting().front().is_some_and(|since| since.elapsed() >= ON_RECORD)
     }
 }
 
@@ -94,9 +117,9 @@ impl Recorder {
         &self.path
     }
 
-    /// False from the first entry on that could not be put on record, and while the disk keeps one waiting (see [`Self::note_late`]).
+    /// False from the first entry on that could not be put on record, and while the disk keeps one waiting for [`ON_RECORD`].
     pub fn works(&self) -> bool {
-        !self.state.failed.load(Relaxed) && !self.state.late.load(Relaxed)
+        !self.state.failed.load(Relaxed) && !self.state.hangs()
     }
 
     /// Why it does not work; `None` while it does.
@@ -117,11 +140,6 @@ impl Recorder {
         })
     }
 
-    /// Somebody waited for an entry in vain: the log does not work until something is written again.
-    pub fn note_late(&self) {
-        self.state.late.store(true, Relaxed);
-    }
-
     /// Puts an entry in line; false when it cannot be recorded.
     pub fn put(&self, at: f64, event: &'static str, fields: Vec<(&'static str, String)>) -> bool {
         self.send(Entry { at: stamp(at), event, fields, done: None })
@@ -140,18 +158,18 @@ impl Recorder {
         receiver
     }
 
-    /// Something that was waited for is on disk.
-    pub fn note_written(&self) {
-        self.state.late.store(false, Relaxed);
-    }
-
     fn send(&self, entry: Entry) -> bool {
         let entries = self.entries.lock().unwrap_or_else(PoisonError::into_inner);
+        // Held until it is counted: it may be on disk before.
+        let mut waiting = self.state.waiting();
         // A full queue means a disk that hangs: that is a failure, not a reason to wait with it.
         let sent = entries.as_ref().is_some_and(|entries| entries.try_send(entry).is_ok());
-        if !sent {
+        if sent {
+            waiting.push_back(Instant::now());
+        } else {
             self.state.failed.store(true, Relaxed);
         }
+        drop(waiting);
         sent && self.works()
     }
 }
@@ -182,7 +200,7 @@ fn keep(mut log: Log, entries: &Receiver<Entry>, state: &State) {
                 return;
             }
         };
-        state.late.store(false, Relaxed);
+        state.written(batch.len());
         for (entry, line) in batch.into_iter().zip(lines) {
             if let Some(done) = entry.done {
                 // The hash in a log elsewhere is what a forger of the file cannot reach.
@@ -191,8 +209,6 @@ fn keep(mut log: Log, entries: &Receiver<Entry>, state: &State) {
                 let _ = done.send(());
             }
         }
-        // Also for who gave up meanwhile.
-        state.late.store(false, Relaxed);
     }
 }
 
@@ -207,6 +223,37 @@ fn write(log: &mut Log, batch: &[Entry]) -> Result<Vec<audit::Entry>, AuditError
     Ok(lines)
 }
 
+/// A disk that hangs.
+#[cfg(test)]
+pub(crate) struct Hung {
+    entries: Receiver<Entry>,
+    state: State,
+}
+
+#[cfg(test)]
+impl Hung {
+    /// Everything that waits is on disk.
+    pub(crate) fn go_on(&self) {
+        for entry in self.entries.try_iter() {
+            self.state.waiting().pop_front();
+            if let Some(done) = entry.done {
+                let _ = done.send(());
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+impl Recorder {
+    /// One whose disk hangs until it is told to go on.
+    pub(crate) fn hung(path: &Path) -> (Self, Hung) {
+        let (sender, entries) = sync_channel(QUEUE);
+        let (path, state, thread) = (path.to_path_buf(), State::default(), Mutex::new(None));
+        let own = Self { path, entries: Mutex::new(Some(sender)), state: state.clone(), thread, _head: None };
+        (own, Hung { entries, state })
+    }
+}
+
 /// RFC 3339 in UTC; a time that is none is recorded as the number it is.
 fn stamp(t: f64) -> String {
     let nanos = (t * 1e9).round();
@@ -218,17 +265,42 @@ fn stamp(t: f64) -> String {
 mod tests {
     use super::*;
 
+    #[test]
+    fn a_disk_that_hangs_is_a_log_that_does_not_work_whoever_waits() {
+        let (recorder, disk) = Recorder::hung(Path::new("audit.log"));
+        assert!(recorder.put(1.0, "write", Vec::new()) && recorder.works());
+        // As if that was so long ago.
+        let long_ago = Instant::now().checked_sub(ON_RECORD).expect("this machine runs for longer");
+        *recorder.state.waiting().front_mut().expect("it waits") = long_ago;
+        assert!(!recorder.works() && !recorder.put(2.0, "write", Vec::new()));
+        let fault = recorder.fault().expect("it hangs");
+        assert!(!fault.is_damaged && fault.reason.contains("keeps an entry waiting"), "{}", fault.reason);
+        disk.go_on();
+        assert!(recorder.works(), "it has written what waited");
+    }
+
+    #[test]
+    fn each_batch_waits_from_its_own_start() {
+        let state = State::default();
+        let long_ago = Instant::now().checked_sub(ON_RECORD).expect("this machine runs for longer");
+        state.waiting().extend([long_ago; 3]);
+        assert!(state.hangs());
+        state.written(2);
+        assert!(!state.hangs() && state.waiting().len() == 1);
+        *state.waiting().front_mut().expect("it waits") = long_ago;
+        assert!(state.hangs());
+    }
+
     #[tokio::test]
-    async fn a_log_that_kept_somebody_waiting_works_again_once_something_is_written() {
-        let folder = std::env::temp_dir().join(format!("stictiond-recorder-late-{}", std::process::id()));
+    async fn what_is_on_disk_does_not_wait() {
+        let folder = std::env::temp_dir().join(format!("stictiond-recorder-waits-{}", std::process::id()));
         std::fs::create_dir_all(&folder).expect("the temporary folder is writable");
         let bounds = Bounds { max_bytes: 1 << 20, keep_files: 1 };
         let recorder = Recorder::start(&folder.join("audit.log"), bounds, 0.0).expect("opens");
-        assert!(recorder.works());
-        recorder.note_late();
-        assert!(!recorder.works());
-        recorder.follow(1.0, "change", Vec::new()).await.expect("written");
-        assert!(recorder.works());
+        for t in 0..3 {
+            recorder.follow(f64::from(t), "change", Vec::new()).await.expect("written");
+        }
+        assert!(recorder.state.waiting().is_empty());
         drop(recorder);
         std::fs::remove_dir_all(&folder).expect("the folder is there");
     }

@@ -32,9 +32,12 @@
 //! | shadow, armed, tripped | disabled | [`Gate::stop`] |
 //!
 //! An order exists in *active* and *withdrawing* only, and each carries another heartbeat: leaving both stops the
-//! heartbeat, so that the DCS drops the term even where zero could not be written. A grant is good for one activation.
+//! heartbeat, so that the DCS drops the term even where zero could not be written. An order does not hold for longer than
+//! `max_step_s`. After a silence in which the DCS may have dropped the term, the way to zero is one step. A grant is good for one
+//! activation.
 
 mod conditions;
+mod reinforcer;
 mod watch;
 mod words;
 
@@ -42,8 +45,8 @@ pub use conditions::{Denial, Evidence, Inputs, Limits, Time};
 pub use words::{Action, Cause, Event, Grant, News, Order, Refusal, State, Status, WriteFault};
 
 use super::measure::{Baseline, Point, Trial};
-use super::{Compensator, ConstantReinforcement, CrSettings, Followed};
 use conditions::believed;
+use reinforcer::Reinforcer;
 use watch::{Polls, SetPoint};
 
 /// The gate of one loop.
@@ -63,21 +66,12 @@ pub struct Gate {
     trial: Option<Trial>,
     term: f64,
     heartbeat: u16,
+    /// When the last order was made that is known to have reached the DCS.
+    beat: Option<Time>,
     leaving: Option<Leaving>,
     outstanding: bool,
     fault: Option<Denial>,
     tripped_by: Option<Denial>,
-}
-
-/// Constant reinforcement at work, and what it was made from.
-#[derive(Clone, Debug)]
-struct Reinforcer {
-    cr: ConstantReinforcement,
-    evidence: Evidence,
-    /// Stamp of the last OP it saw, and when (mono, s).
-    op: Option<(f64, f64)>,
-    /// What it asks for [%].
-    target: f64,
 }
 
 /// On the way to zero.
@@ -105,6 +99,7 @@ impl Gate {
             trial: None,
             term: 0.0,
             heartbeat: 0,
+            beat: None,
             leaving: None,
             outstanding: false,
             fault: None,
@@ -269,14 +264,15 @@ impl Gate {
             (State::Withdrawing, _) => self.withdrawing(now),
             _ => {}
         }
-        self.approach(passed.dt);
-        self.order()
+        self.approach(passed.dt, now);
+        self.order(now)
     }
 
     /// What became of an order.
     pub fn report(&mut self, order: Order, outcome: Result<(), WriteFault>, now: Time) {
         self.outstanding = false;
         let Err(fault) = outcome else {
+            self.beat = Some(order.made());
             if let (State::Withdrawing, Some(leaving)) = (self.state, self.leaving)
                 && order.term() == 0.0
             {
@@ -288,6 +284,11 @@ impl Gate {
             WriteFault::Failed => Denial::WriteFailed,
             WriteFault::ReadBack => Denial::ReadBack,
             WriteFault::Audit => Denial::AuditFailed,
+            WriteFault::Withheld => {
+                // The next step finds what it was, or this.
+                self.fault = self.fault.or(Some(Denial::Late).filter(|_| self.state == State::Active));
+                return;
+            }
         };
         match (self.state, &mut self.leaving) {
             (State::Active, _) => self.leave(State::Tripped, Cause::Denied(denial), None, now),
@@ -364,50 +365,6 @@ impl Gate {
         None
     }
 
-    /// Lets the reinforcement see each OP once; where nothing is written it is computed all the same.
-    fn reinforce(&mut self, inputs: &Inputs, now: Time) {
-        if !self.state.writes() {
-            let usable = conditions::evidence(inputs, now.wall, &self.limits).is_none();
-            let evidence = inputs.evidence.filter(|_| usable && self.state != State::Disabled);
-            let made_of = self.cr.as_ref().map(|own| own.evidence.at);
-            if evidence.map(|own| own.at) != made_of {
-                self.cr = evidence.and_then(|evidence| self.reinforcer(evidence));
-            }
-        }
-        let op = believed(inputs.op, now.wall, &self.limits).zip(inputs.op.map(|op| op.t));
-        let percent = 100.0 / self.limits.op_span;
-        let Some(own) = &mut self.cr else { return };
-        let Some((op, t)) = op else {
-            own.target = 0.0;
-            return;
-        };
-        if own.op.is_none_or(|(last, _)| last != t) {
-            let dt = own.op.map_or(0.0, |(_, at)| now.mono - at);
-            own.target = own.cr.step(op * percent, dt);
-            own.op = Some((t, now.mono));
-        }
-    }
-
-    fn reinforcer(&self, evidence: Evidence) -> Option<Reinforcer> {
-        let Limits { clamp, dead_band, rest_s, f_margin, .. } = self.limits;
-        // The rate is the gate's: it holds for the withdrawal too.
-        let settings = CrSettings { dead_band, rest_s, size: clamp, rate: f64::INFINITY };
-        let [low, high] = evidence.f_ci95;
-        let interval = [(low - f_margin).max(0.0), high + f_margin];
-        let cr = ConstantReinforcement::new(evidence.f, interval, settings).ok()?;
-        Some(Reinforcer { cr, evidence, op: None, target: 0.0 })
-    }
-
-    /// A later estimate moves the amplitude, or says that this is no longer the valve that was granted. One that is not
-    /// sticky says nothing: the term hides the friction.
-    fn f_left(&mut self, inputs: &Inputs) -> Option<Denial> {
-        let (own, evidence) = self.cr.as_mut().zip(inputs.evidence)?;
-        if evidence.at <= own.evidence.at || !evidence.sticky {
-            return None;
-        }
-        (own.cr.follow(evidence.f, evidence.f_ci95) == Followed::Outside).then_some(Denial::FOutsideInterval)
-    }
-
     fn open(&mut self, inputs: &Inputs, now: Time) -> Result<(), Denial> {
         let criteria = self.limits.criteria;
         let evidence = inputs.evidence.ok_or(Denial::NoEvidence)?;
@@ -453,13 +410,15 @@ impl Gate {
         self.go(State::Shadow, cause, by, now);
     }
 
-    /// The term on its way to what it should be, at the rate of the state.
-    fn approach(&mut self, dt: f64) {
+    /// The term on its way to what it should be, at the rate of the state. Where the DCS may have dropped it, the rest of the ramp
+    /// would come back in one step: there it is 0 at once.
+    fn approach(&mut self, dt: f64, now: Time) {
         let Limits { clamp, rate, withdraw_rate, .. } = self.limits;
         let asked = self.cr.as_ref().map_or(0.0, |own| own.target);
+        let is_dropped = self.state == State::Withdrawing && self.is_silent(now);
         let (target, rate) = match self.state {
-            State::Withdrawing => (0.0, withdraw_rate),
-            State::Disabled | State::Tripped => {
+            State::Withdrawing if !is_dropped => (0.0, withdraw_rate),
+            State::Disabled | State::Tripped | State::Withdrawing => {
                 self.term = 0.0;
                 return;
             }
@@ -469,13 +428,21 @@ impl Gate {
         self.term = target.clamp(-clamp, clamp).max(self.term - reach).min(self.term + reach);
     }
 
-    fn order(&mut self) -> Option<Order> {
+    /// Whether the last heartbeat is so long ago, by either clock, that the DCS may have dropped the term. The steady clock of a
+    /// machine that was suspended may have stood still. A wall clock that was set ahead looks the same, and ends the term in one
+    /// step, too: that is the safe side.
+    fn is_silent(&self, now: Time) -> bool {
+        let short = |silence: f64| silence <= self.limits.silence_s;
+        self.beat.is_some_and(|beat| !(short(now.mono - beat.mono) && short(now.wall - beat.wall)))
+    }
+
+    fn order(&mut self, now: Time) -> Option<Order> {
         if !self.state.writes() {
             return None;
         }
         self.heartbeat = self.heartbeat.wrapping_add(1);
         self.outstanding = true;
-        Some(Order::new(self.term, self.heartbeat))
+        Some(Order::new(self.term, self.heartbeat, now, &self.limits))
     }
 
     fn only_in(&self, wanted: State) -> Result<(), Refusal> {
@@ -491,7 +458,7 @@ impl Gate {
         }
         if from.writes() && !to.writes() {
             (self.leaving, self.outstanding, self.fault) = (None, false, None);
-            (self.term, self.cr) = (0.0, None);
+            (self.term, self.cr, self.beat) = (0.0, None, None);
         }
         self.tell(Event::Moved { from, to, cause, by }, now);
     }

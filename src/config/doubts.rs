@@ -138,8 +138,21 @@ impl Config {
                  no evidence",
                 own.id
             ));
+        } else if let Some(reach) = self.reach_s(own).filter(|reach| age < period + reach) {
+            out.push(format!(
+                "{}.writeback: evidence_max_age_s = {age}, and a diagnosis, one each {period} s, may be of a stretch that ended up to \
+                 {reach} s before it (samples_per_tag): the gate may stay at evidence_old; write {} or more",
+                own.id,
+                period + reach
+            ));
         }
         out
+    }
+
+    /// How far back the samples of a loop go that are kept (s), where anybody asks for them.
+    fn reach_s(&self, own: &LoopConfig) -> Option<f64> {
+        let every_ms = self.every_ms(&own.op)?.max(self.every_ms(&own.pv)?);
+        Some(self.history.samples_per_tag as f64 * every_ms as f64 / 1000.0)
     }
 
     /// Devices and servers that no loop reads from.

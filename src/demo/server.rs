@@ -232,8 +232,10 @@ mod tests {
         let elapsed: Elapsed = Arc::new(|| Duration::from_secs(5));
         let still = Station::new(demo_plant(1), 0.5, elapsed.clone(), Some(2.0)).expect("valid");
         let moved = Station::new(demo_plant(1), 0.5, elapsed, Some(2.0)).expect("valid");
-        for start in [1000 + 4 * 3, 1002 + 4 * 3] {
-            let words = if start % 4 == 0 { vec![0x4000, 0] } else { vec![7] };
+        let (term, beat) = (1000 + 4 * 3, 1002 + 4 * 3);
+        // From 0, as write-back begins.
+        let writes = [(term, vec![0, 0]), (beat, vec![7]), (term, vec![0x4000, 0]), (beat, vec![8])];
+        for (start, words) in writes {
             let request = Request::WriteMultipleRegisters(start, words.into());
             moved.answer(&SlaveRequest { slave: 1, request }).expect("writable");
         }

@@ -10,8 +10,12 @@ use std::time::Duration;
 /// What the ramp to zero may take longer than its limit, for the last answers to come.
 pub(super) const GRACE: Duration = Duration::from_secs(2);
 
-/// Time after which a term in force is recorded again although it has not changed (s). If it is not, the term has ended.
+/// Time after which a term in force is recorded again although it has not changed (s). If it is not, the term ends with the
+/// time-out of the DCS (see [`LoopConfig::term_lasts_s`]).
 pub const TERM_REPEAT_S: f64 = 60.0;
+
+/// Times `timeout_ms` that an exchange may take: a connection, a write, a read and a heartbeat.
+pub(super) const IN_EXCHANGE: u32 = 4;
 
 /// `[writeback]`: the audit log.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -231,19 +235,23 @@ impl LoopConfig {
                 self.clamp_percent
             ),
         );
-        let (write, timeout, step) = (self.write_ms, self.timeout_ms, self.max_step_ms);
+        let (write, exchange, step) = (self.write_ms, self.exchange_ms(), self.max_step_ms);
         unless(
-            // A connection, a write, a read and a heartbeat.
-            write.saturating_add(timeout.saturating_mul(4)) <= step,
+            write.saturating_add(exchange) <= step,
             "max_step_ms",
-            format!("{step} must be at least write_ms + 4 timeout_ms, the longest a good step takes"),
+            format!(
+                "{step} must be at least write_ms + {IN_EXCHANGE} timeout_ms, the longest a good step takes"
+            ),
         );
         let heart = self.heartbeat_timeout_ms;
+        // A heartbeat ends its exchange: the next one may come that much later behind its step.
+        let longest = step.saturating_add(exchange);
         unless(
-            heart > step,
+            heart > longest,
             "heartbeat_timeout_ms",
             format!(
-                "{heart} must be more than max_step_ms = {step}, or the DCS drops the term at every hitch"
+                "{heart} must be more than max_step_ms + {IN_EXCHANGE} timeout_ms = {longest}, the longest from one heartbeat to \
+                 the next, or the DCS drops the term at every hitch"
             ),
         );
         let (clamp, margin) = (self.clamp_percent, self.op_margin_percent);
@@ -308,6 +316,16 @@ impl LoopConfig {
         ]
     }
 
+    /// Longest time of an exchange: the term, what the device made of it, the heartbeat (ms).
+    fn exchange_ms(&self) -> u64 {
+        self.timeout_ms.saturating_mul(u64::from(IN_EXCHANGE))
+    }
+
+    /// Longest time for which a term can be in force after it was last recorded (s).
+    pub fn term_lasts_s(&self) -> f64 {
+        TERM_REPEAT_S + self.heartbeat_timeout_ms as f64 / 1000.0
+    }
+
     /// Longest time that the daemon waits for this loop's term after a stop (s).
     pub fn longest_end_s(&self) -> f64 {
         self.withdraw_limit_s + self.max_step_ms as f64 / 1000.0 + GRACE.as_secs_f64()
@@ -324,6 +342,7 @@ impl LoopConfig {
             dead_band: self.dead_band_percent,
             rest_s: s(self.rest_ms),
             max_step_s: s(self.max_step_ms),
+            silence_s: s(self.heartbeat_timeout_ms.saturating_sub(self.exchange_ms())),
             clock_tolerance_s: s(self.clock_tolerance_ms),
             max_sample_age_s: s(self.max_sample_age_ms),
             max_missed_polls: self.max_missed_polls_per_minute,

@@ -19,9 +19,9 @@ mod run;
 
 pub use config::{Config, LoopConfig, TERM_REPEAT_S, Target, TermType, WordOrder};
 #[cfg(feature = "writeback")]
-pub use link::Writer;
+pub use link::{Clocks, Writer};
 #[cfg(feature = "writeback")]
-pub use run::{Clocks, Keep, Look, LoopSetup, Tell, Writeback};
+pub use run::{Heard, Keep, Look, LoopSetup, Tell, Writeback};
 
 /// Whether this binary can write.
 pub const BUILT_IN: bool = cfg!(feature = "writeback");

@@ -1,10 +1,10 @@
 //! One task per loop: it shows the loop to the gate, puts on record what the gate says, and writes what it orders.
 
 use super::config::{GRACE, TERM_REPEAT_S, Target};
-use super::link::Writer;
-use crate::audit::Recorder;
+use super::link::{Clocks, Writer};
+use crate::audit::{ON_RECORD, Recorder};
 use crate::compensation::gate::{
-    Action, Event, Gate, Grant, Inputs, Limits, News, Order, Refusal, State, Status, Time, WriteFault,
+    Action, Event, Gate, Grant, Inputs, Limits, News, Order, Refusal, State, Status, WriteFault,
 };
 use crate::signal::{LoopId, Sample};
 use std::collections::HashMap;
@@ -17,8 +17,8 @@ use tokio::task::JoinHandle;
 pub type Look = Arc<dyn Fn() -> Inputs + Send + Sync>;
 /// Takes the term in force from a time on (OP unit).
 pub type Keep = Arc<dyn Fn(Sample) + Send + Sync>;
-/// Both clocks.
-pub type Clocks = Arc<dyn Fn() -> Time + Send + Sync>;
+/// How many samples of OP there have been.
+pub type Heard = Arc<dyn Fn() -> u64 + Send + Sync>;
 /// Told of everything that happens.
 pub type Tell = Arc<dyn Fn(&LoopId, &News) + Send + Sync>;
 
@@ -32,12 +32,16 @@ pub struct LoopSetup {
     pub target: Target,
     /// Longest pause between two steps.
     pub pause: Duration,
-    /// Changes when the loop's OP has been polled.
+    /// Changes when OP's device has said something.
     pub polled: watch::Receiver<u64>,
+    /// A step follows each sample of OP.
+    pub heard: Heard,
     /// How it sees its loop.
     pub look: Look,
     /// Where the term in force is kept beside OP.
     pub keep: Keep,
+    /// Longest time for which a term can be in force after it was last kept (s).
+    pub lasts_s: f64,
 }
 
 /// Write-back of all loops that enable it.
@@ -55,6 +59,7 @@ struct Slot {
     /// What was said last of the term in force: since when (s, wall), and what (OP unit).
     said: Mutex<Option<(f64, f64)>>,
     keep: Keep,
+    lasts_s: f64,
     percent: f64,
     clocks: Clocks,
     recorder: Arc<Recorder>,
@@ -77,15 +82,23 @@ impl Writeback {
                 wake: Notify::new(),
                 said: Mutex::default(),
                 keep: own.keep,
+                lasts_s: own.lasts_s,
                 percent: 0.01 * own.limits.op_span,
                 clocks: clocks.clone(),
                 recorder: recorder.clone(),
                 tell: tell.clone(),
             });
             slot.record(&mut slot.gate());
-            let writer = Writer::new(own.target);
-            let task =
-                Task { slot: slot.clone(), writer, look: own.look, polled: own.polled, pause: own.pause };
+            let writer = Writer::new(own.target, clocks.clone());
+            let task = Task {
+                slot: slot.clone(),
+                writer,
+                look: own.look,
+                polled: own.polled,
+                heard: own.heard,
+                seen: 0,
+                pause: own.pause,
+            };
             tasks.push(tokio::spawn(task.run()));
             slots.insert(own.id, slot);
         }
@@ -103,13 +116,17 @@ impl Writeback {
         self.slots.values().filter_map(granted).collect()
     }
 
-    /// An operator acts; `None` where write-back is not enabled. It is on record when this returns.
+    /// An operator acts; `None` where write-back is not enabled. A grant, an approval and a reset are on record when this returns.
+    /// Taking a term back is the safe direction, and waits for no record.
     ///
     /// # Errors
-    /// The gate's [`Refusal`].
+    /// The gate's [`Refusal`]; [`Refusal::Unrecorded`] where the disk fails or keeps the record waiting for [`ON_RECORD`]: what was
+    /// granted is taken back then.
     pub async fn act(&self, id: &LoopId, action: Action, by: &str) -> Option<Result<Status, Refusal>> {
         let slot = self.slots.get(id)?;
         let now = (slot.clocks)();
+        let is_safe = action == Action::Withdraw;
+        let grants = matches!(action, Action::Grant(_) | Action::Approve);
         let (acted, recorded) = {
             let mut gate = slot.gate();
             let acted = match action {
@@ -121,9 +138,17 @@ impl Writeback {
             (acted.map(|()| gate.status()), slot.record(&mut gate))
         };
         slot.wake.notify_one();
-        // Where it cannot be recorded the gate sees that at its next step, and does not open.
-        recorded.wait().await;
-        Some(acted)
+        if is_safe || acted.is_err() || recorded.wait().await {
+            return Some(acted);
+        }
+        if grants {
+            let mut gate = slot.gate();
+            // Refused where it has ended meanwhile.
+            let _ = gate.withdraw(by, (slot.clocks)());
+            slot.record(&mut gate);
+            slot.wake.notify_one();
+        }
+        Some(Err(Refusal::Unrecorded))
     }
 
     /// Ramps every term to zero and ends; it takes at most the longest `withdraw_limit_s`, one step and two seconds. What is not at
@@ -185,14 +210,28 @@ impl Slot {
 
     /// Puts the term in force beside the samples of OP: for the diagnosis, the store and whoever replays them.
     fn remember(&self, at: f64, term: f64) {
+        self.lapse(at);
         let mut said = self.said.lock().unwrap_or_else(PoisonError::into_inner);
         let value = term * self.percent;
+        // One of 0 stands until the next: repeated, it would take the place of those that acted in the ring.
+        let stands_s = if value == 0.0 { f64::INFINITY } else { TERM_REPEAT_S };
         // A clock that was set back is no reason to be silent.
         let known =
-            said.is_some_and(|(since, last)| last == value && (0.0..TERM_REPEAT_S).contains(&(at - since)));
+            said.is_some_and(|(since, last)| last == value && (0.0..stands_s).contains(&(at - since)));
         if !known {
             *said = Some((at, value));
             (self.keep)(Sample::good(at, value));
+        }
+    }
+
+    /// Ends a term that was not written for so long that the DCS has dropped it: as of when it had.
+    fn lapse(&self, at: f64) {
+        let mut said = self.said.lock().unwrap_or_else(PoisonError::into_inner);
+        let dropped = said.filter(|(since, last)| *last != 0.0 && at - since > self.lasts_s);
+        if let Some((since, _)) = dropped {
+            let end = since + self.lasts_s;
+            *said = Some((end, 0.0));
+            (self.keep)(Sample::good(end, 0.0));
         }
     }
 }
@@ -201,14 +240,17 @@ impl Slot {
 struct OnRecord(Vec<oneshot::Receiver<()>>);
 
 impl OnRecord {
-    /// Waits for the disk; false when it failed.
+    /// Waits for the disk; false when it failed, or hangs.
     async fn wait(self) -> bool {
-        for entry in self.0 {
-            if entry.await.is_err() {
-                return false;
+        let all = async {
+            for entry in self.0 {
+                if entry.await.is_err() {
+                    return false;
+                }
             }
-        }
-        true
+            true
+        };
+        tokio::time::timeout(ON_RECORD, all).await.unwrap_or(false)
     }
 }
 
@@ -236,6 +278,9 @@ struct Task {
     writer: Writer,
     look: Look,
     polled: watch::Receiver<u64>,
+    heard: Heard,
+    /// Samples of OP when there was last a new one.
+    seen: u64,
     pause: Duration,
 }
 
@@ -247,19 +292,29 @@ impl Task {
         }
     }
 
-    /// Until OP was polled, somebody acted, or the pause is over.
+    /// Until there is another OP, somebody acted, or the pause is over. What else the device says is no reason to write: a broker
+    /// may have much to say.
     async fn wait(&mut self) {
         let pause = tokio::time::sleep(self.pause);
-        tokio::select! {
-            changed = self.polled.changed() => {
-                if changed.is_err() {
+        tokio::pin!(pause);
+        let mut is_there = true;
+        loop {
+            tokio::select! {
+                changed = self.polled.changed(), if is_there => match changed {
+                    Ok(()) if self.has_new_op() => return,
+                    Ok(()) => {}
                     // The device is gone; its samples grow old, which the gate sees.
-                    tokio::time::sleep(self.pause).await;
-                }
+                    Err(_) => is_there = false,
+                },
+                () = self.slot.wake.notified() => return,
+                () = &mut pause => return,
             }
-            () = self.slot.wake.notified() => {}
-            () = pause => {}
         }
+    }
+
+    fn has_new_op(&mut self) -> bool {
+        let heard = (self.heard)();
+        std::mem::replace(&mut self.seen, heard) != heard
     }
 
     async fn step(&mut self) {
@@ -270,21 +325,26 @@ impl Task {
             let order = gate.step(now, &inputs);
             (order, self.slot.record(&mut gate), gate.state())
         };
-        let leaving = state == State::Withdrawing;
-        let recorded = leaving || recorded.wait().await;
         let Some(order) = order else {
             // Whatever could not be written, the DCS has dropped, or will once the heart has stood still for long enough.
             self.slot.remember(now.wall, 0.0);
             self.writer.close();
             return;
         };
+        let leaving = state == State::Withdrawing;
+        let recorded = leaving || recorded.wait().await;
+        let meanwhile = self.slot.gate().state();
+        if meanwhile != state {
+            // While the disk was waited for somebody has taken the term back.
+            return self.done(order, Err(WriteFault::Withheld));
+        }
         let recorded = self.slot.put_order(&order, now.wall) && recorded;
         let outcome =
             if recorded || leaving { self.writer.write(&order).await } else { Err(WriteFault::Audit) };
-        self.done(order, outcome).await;
+        self.done(order, outcome);
     }
 
-    async fn done(&mut self, order: Order, outcome: Result<(), WriteFault>) {
+    fn done(&mut self, order: Order, outcome: Result<(), WriteFault>) {
         let now = (self.slot.clocks)();
         match outcome {
             Ok(()) => self.slot.remember(now.wall, order.term()),
@@ -293,17 +353,23 @@ impl Task {
                 tracing::warn!(id = %self.slot.id, ?fault, why, "a term was not written");
                 let id = self.slot.id.to_string();
                 self.slot.recorder.put(now.wall, "write_failed", vec![("loop", id), ("why", why)]);
+                self.slot.lapse(now.wall);
             }
         }
         let mut gate = self.slot.gate();
         gate.report(order, outcome, now);
         self.slot.record(&mut gate);
+        if outcome == Err(WriteFault::Withheld) {
+            // The next step has another order, and must not wait for the next OP.
+            self.slot.wake.notify_one();
+        }
     }
 
     /// Why a term was not written. What cannot be put on record is not sent, so the writer knows nothing of it.
     fn why(&self, fault: WriteFault) -> &str {
         match fault {
             WriteFault::Audit => "it cannot be put on record",
+            WriteFault::Withheld => "it had become too old, or somebody acted before it was sent",
             WriteFault::Failed | WriteFault::ReadBack => self.writer.why(),
         }
     }

@@ -27,8 +27,8 @@ impl WritebackControl {
         None
     }
 
-    pub(in crate::app) fn begin(&self, _: &Config, history: &Arc<History>, _: &[Device]) {
-        end_terms(history, self.clock.now(), |_| false);
+    pub(in crate::app) fn begin(&self, config: &Config, history: &Arc<History>, _: &[Device]) {
+        end_terms(history, config, self.clock.now());
     }
 
     pub(in crate::app) async fn end(&self) {}

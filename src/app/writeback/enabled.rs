@@ -92,7 +92,7 @@ impl WritebackControl {
         let setups: Vec<LoopSetup> =
             enabled.filter_map(|own| self.setup(config, own, history, devices)).collect();
         let is_written = |id: &LoopId| setups.iter().any(|own| own.id == *id);
-        end_terms(history, self.clock.now(), is_written);
+        end_terms(history, config, self.clock.now());
         self.results.keep_reinforced(is_written);
         if let Some(recorder) = recorder {
             self.start(setups, recorder);
@@ -172,13 +172,15 @@ impl WritebackControl {
         };
         let polled: watch::Receiver<u64> = named(control_loop.op.device())?.rings.polled.subscribe();
         let id = LoopId::new(control_loop.id.as_str());
-        let term =
-            history.tag_index(&id, &TagKind::Role(Role::Term)).and_then(|tag| history.ring(tag)).cloned()?;
+        let ring =
+            |role| history.tag_index(&id, &TagKind::Role(role)).and_then(|tag| history.ring(tag)).cloned();
+        let (op, term) = (ring(Role::Op)?, ring(Role::Term)?);
         Some(LoopSetup {
             limits: own.limits(span, low_high),
             target: own.target(&device.address, device.unit_id, device.address_base)?,
             pause: Duration::from_millis(own.write_ms),
             polled,
+            heard: Arc::new(move || op.pushed()),
             look: look(
                 (id.clone(), self.read_since(&id)),
                 history.clone(),
@@ -187,6 +189,7 @@ impl WritebackControl {
                 missed,
             ),
             keep: Arc::new(move |sample| term.push(sample)),
+            lasts_s: own.term_lasts_s(),
             id,
         })
     }
@@ -215,8 +218,9 @@ fn look(
         let run = results.get(&id, clock.now()).and_then(|known| known.diagnosed);
         let run = run.filter(|run| run.started >= since);
         inputs.evidence = run.and_then(|run| {
+            let judged = run.judged()?;
             // By the declared model and with the effects alike: what opens a gate must not hang on an effect.
-            let sticky = [&run.judged()?.diagnosis.verdict, run.judged()?.verdict()];
+            let sticky = [&judged.diagnosis.verdict, judged.verdict()];
             let (f, f_ci95) = run.declared_friction().unwrap_or((f64::NAN, [f64::NAN; 2]));
             Some(Evidence {
                 sticky: sticky.iter().all(|verdict| **verdict == Verdict::Stiction),
@@ -224,6 +228,8 @@ fn look(
                 // Compared with the interval of the grant: both have the error of the models in common.
                 f_ci95: without_model_error(f, f_ci95),
                 at: run.finished,
+                // All that is remembered is judged anew in each run, and what is found may be of days ago.
+                data_end: judged.diagnosis.preparation.end,
             })
         });
         inputs

@@ -23,6 +23,8 @@ pub struct Evidence {
     pub f_ci95: [f64; 2],
     /// When the diagnosis was made (s, wall).
     pub at: f64,
+    /// When the stretch of data ended that it is about (s, wall).
+    pub data_end: f64,
 }
 
 /// What is known of the loop at one step: the newest sample of each tag, with its quality.
@@ -61,8 +63,10 @@ pub struct Limits {
     pub dead_band: f64,
     /// OP counts as constant after this long (s).
     pub rest_s: f64,
-    /// Longest time between two steps (s).
+    /// Longest time between two steps, and from an order to its heartbeat (s).
     pub max_step_s: f64,
+    /// After a longer silence the DCS may have dropped the term by the time that a heartbeat reaches it (s).
+    pub silence_s: f64,
     /// The two clocks may differ by this from one step to the next (s).
     pub clock_tolerance_s: f64,
     /// Oldest sample that is believed (s).
@@ -79,7 +83,7 @@ pub struct Limits {
     pub sp_rate: f64,
     /// … and steady once it has been slow for this long (s).
     pub sp_settle_s: f64,
-    /// Oldest diagnosis that opens (s).
+    /// Oldest data of a diagnosis that opens (s).
     pub evidence_max_age_s: f64,
     /// Later estimates of f may leave the interval granted by this [%].
     pub f_margin: f64,
@@ -117,8 +121,8 @@ denials! {
     NoEvidence = "no_evidence", "the loop has not been diagnosed";
     /// The verdict is another.
     NotSticky = "not_sticky", "the latest verdict is not stiction";
-    /// Diagnosed too long ago.
-    EvidenceOld = "evidence_old", "the latest diagnosis is older than evidence_max_age_s";
+    /// Of data of too long ago, however lately it was made.
+    EvidenceOld = "evidence_old", "the data of the latest diagnosis is older than evidence_max_age_s";
     /// f does not fit under the clamp.
     FAboveClamp = "f_above_clamp", "f is larger than clamp_percent: the valve needs more than the term may be";
     /// A later interval of f is apart from the one granted.
@@ -226,7 +230,7 @@ pub(super) fn evidence(inputs: &Inputs, wall: f64, limits: &Limits) -> Option<De
     if !evidence.sticky || !usable {
         return Some(Denial::NotSticky);
     }
-    let age = wall - evidence.at;
+    let age = wall - evidence.data_end;
     if !(age <= limits.evidence_max_age_s && age >= -limits.clock_tolerance_s) {
         return Some(Denial::EvidenceOld);
     }

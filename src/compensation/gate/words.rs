@@ -1,6 +1,6 @@
 //! The gate's words: its states, what happens to it, what it hands out.
 
-use super::conditions::{Denial, Time};
+use super::conditions::{Denial, Limits, Time};
 use crate::compensation::measure::Measured;
 
 /// Where a gate is.
@@ -146,11 +146,36 @@ pub struct Grant {
 pub struct Order {
     term: f64,
     heartbeat: u16,
+    made: Time,
+    /// Longest time after which it may still be sent (s).
+    lasts_s: f64,
+    /// The two clocks may differ by this since it was made (s).
+    clock_tolerance_s: f64,
 }
 
 impl Order {
-    pub(super) fn new(term: f64, heartbeat: u16) -> Self {
-        Self { term, heartbeat }
+    pub(super) fn new(term: f64, heartbeat: u16, made: Time, limits: &Limits) -> Self {
+        let Limits { max_step_s: lasts_s, clock_tolerance_s, .. } = *limits;
+        Self { term, heartbeat, made, lasts_s, clock_tolerance_s }
+    }
+
+    /// An order that no gate made.
+    #[cfg(test)]
+    pub(super) fn of_test(term: f64, heartbeat: u16, limits: &Limits) -> Self {
+        Self::new(term, heartbeat, Time { mono: 0.0, wall: 0.0 }, limits)
+    }
+
+    /// When it was made.
+    pub(super) fn made(&self) -> Time {
+        self.made
+    }
+
+    /// Whether it may still be sent. A process that was frozen, or a machine that slept, has an order of before, while the DCS
+    /// has dropped the term.
+    pub fn holds(&self, now: Time) -> bool {
+        let (mono, wall) = (now.mono - self.made.mono, now.wall - self.made.wall);
+        // Comparisons that a NaN fails too.
+        (0.0..=self.lasts_s).contains(&mono) && (wall - mono).abs() <= self.clock_tolerance_s
     }
 
     /// The term [% of OP span].
@@ -173,6 +198,8 @@ pub enum WriteFault {
     ReadBack,
     /// Not written, because it could not be put on record first.
     Audit,
+    /// Not sent, or not whole: it had become too old, or somebody acted meanwhile. What that means the next step finds.
+    Withheld,
 }
 
 /// What an operator does.
@@ -217,6 +244,11 @@ pub enum Refusal {
     /// There is nothing to withdraw.
     #[error("there is nothing to withdraw: write-back is {}", .0.as_str())]
     NothingToWithdraw(State),
+    /// The audit log took no entry, or not in time.
+    #[error(
+        "it could not be put on record: a grant or an approval counts as not given; the daemon's log says why"
+    )]
+    Unrecorded,
 }
 
 /// A gate at one moment.

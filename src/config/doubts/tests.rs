@@ -146,9 +146,13 @@ fn a_gate_that_could_not_stay_open_is_told() {
     assert!(
         of(86_400.0, 1800.0, 30.0).contains("evidence_max_age_s = 1800, and a diagnosis comes every 3600 s")
     );
+    // Of 4096 samples, one a second.
+    let (short, long) = (of(86_400.0, 7695.0, 30.0), of(86_400.0, 7696.0, 30.0));
+    assert!(short.contains("evidence_max_age_s = 7695") && short.contains("write 7696 or more"), "{short}");
+    assert!(!long.contains("evidence_max_age_s"), "{long}");
     // With max_step_ms = 5000 and 2 s the limit is what deploy/ allows, and a second more.
-    assert!(of(86_400.0, 7200.0, STOP_S - 6.0).contains("A.writeback: its term may take 91 s"));
-    let fine = of(86_400.0, 7200.0, STOP_S - 7.0);
+    assert!(of(86_400.0, 7696.0, STOP_S - 6.0).contains("A.writeback: its term may take 91 s"));
+    let fine = of(86_400.0, 7696.0, STOP_S - 7.0);
     let told = ["grant_max_s", "evidence_max_age_s", "its term may take"];
     assert!(!told.iter().any(|own| fine.contains(own)), "{fine}");
 }

@@ -200,7 +200,7 @@ async fn jumps(what: &str, jump: f64) {
     };
     let (wall, seen) = (clocks.clone(), Arc::clone(&plant));
     let look = move || {
-        let evidence = Evidence { sticky: true, f: 2.5, f_ci95: [2.4, 2.6], at: 1.7e9 };
+        let evidence = Evidence { sticky: true, f: 2.5, f_ci95: [2.4, 2.6], at: 1.7e9, data_end: 1.7e9 };
         Inputs { evidence: Some(evidence), ..seen.inputs(wall().wall) }
     };
     let (polled, receiver) = watch::channel(0);
@@ -211,8 +211,10 @@ async fn jumps(what: &str, jump: f64) {
         target: own.target(&address.to_string(), 1, 0).expect("registers"),
         pause: Duration::from_millis(25),
         polled: receiver,
+        heard: Arc::new(|| 0),
         look: Arc::new(look),
         keep: Arc::new(|_| ()),
+        lasts_s: own.term_lasts_s(),
     };
     let writing = Writeback::start(vec![setup], Arc::new(clocks), recorder, Arc::new(|_, _| ()));
     until("ready", PATIENCE, || writing.status(&id).is_some_and(|s| s.denials.len() == 1)).await;

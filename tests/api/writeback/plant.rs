@@ -16,7 +16,7 @@ use tokio_modbus::{ExceptionCode, Request, Response};
 /// Plant time over wall time: a sample of the controller, 0.5 s, every 25 ms.
 pub const SPEED: f64 = 20.0;
 /// A heartbeat that stands still for longer drops the term (s on the wall).
-pub const HEARTBEAT_S: f64 = 3.0;
+pub const HEARTBEAT_S: f64 = 4.0;
 
 /// What is wrong with the plant.
 #[derive(Default)]

@@ -1,10 +1,14 @@
 use super::super::tests::{config, parts};
 use super::*;
 use crate::access::{Cost, PasswordHash, Role as Right, Roles, file};
+use crate::app::App;
 use crate::audit::Bounds;
 use crate::compensation::gate::State;
 use crate::diagnosis::Diagnosis;
 use crate::results::{Outcome, Run, Trigger};
+use futures::FutureExt;
+use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
+use std::sync::mpsc;
 
 fn id() -> LoopId {
     LoopId::new("A")
@@ -45,8 +49,10 @@ fn setups() -> Vec<LoopSetup> {
         target: own.target("127.0.0.1:9", 1, 0).expect("registers"),
         pause: Duration::from_secs(1),
         polled: watch::Sender::new(0).subscribe(),
+        heard: Arc::new(|| 0),
         look: Arc::new(Inputs::default),
         keep: Arc::new(|_| ()),
+        lasts_s: own.term_lasts_s(),
     }]
 }
 
@@ -77,6 +83,19 @@ fn a_diagnosis_of_what_the_loop_was_before_a_reload_is_no_evidence() {
     assert!(!see());
     results.record(stiction(1000.5));
     assert!(see());
+}
+
+#[test]
+fn a_diagnosis_tells_when_its_data_ended_and_not_only_when_it_was_made() {
+    let (history, results) = parts(&config());
+    let mut run = stiction(1000.5);
+    if let Outcome::Diagnosed(judged) = &mut run.outcome {
+        judged.diagnosis.preparation.end = 400.0;
+    }
+    results.record(run);
+    let look = look((id(), 1000.0), history, results, Clock::wall(), || 0);
+    let evidence = look().evidence.expect("it was diagnosed");
+    assert_eq!((evidence.at, evidence.data_end), (1001.5, 400.0));
 }
 
 #[test]
@@ -115,14 +134,43 @@ async fn while_it_ends_it_is_shown_and_grants_nothing() {
     control.start(setups(), recorder(&folder));
     // The task has looked up, and does so again after a second.
     tokio::time::sleep(Duration::from_millis(100)).await;
+    // Before the task has its next turn.
     let asked = async {
-        tokio::time::sleep(Duration::from_millis(100)).await;
         let granted = control.act(&id(), Action::Grant(60.0), "ann").await;
         (control.status(&id()).map(|status| status.state), granted.map(|granted| granted.is_ok()))
     };
     let ((), asked) = tokio::join!(control.end(), asked);
     assert_eq!(asked, (Some(State::Disabled), Some(false)));
     assert_eq!(control.status(&id()), None);
+    std::fs::remove_dir_all(&folder).expect("the folder is there");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_alarms_look_at_is_free_while_a_reload_waits_for_terms() {
+    let folder = folder("reload");
+    let app = App::build(config(), Clock::wall(), App::diagnosis()).expect("it is sound");
+    let (go_on, waits) = mpsc::channel::<()>();
+    let (waits, looks) = (Mutex::new(waits), Arc::new(AtomicBool::new(false)));
+    let looked = looks.clone();
+    let mut setups = setups();
+    setups[0].pause = Duration::from_millis(1);
+    setups[0].look = Arc::new(move || {
+        looked.store(true, SeqCst);
+        // Until the sender is dropped: the step of the loop, and with it the reload, takes so long.
+        let _ = waits.lock().unwrap_or_else(PoisonError::into_inner).recv();
+        Inputs::default()
+    });
+    app.writeback.start(setups, recorder(&folder));
+    while !looks.load(SeqCst) {
+        tokio::task::yield_now().await;
+    }
+    let mut reloading = app.reload(config());
+    assert!((&mut reloading).now_or_never().is_none(), "it waits for write-back");
+    assert_eq!(app.writeback.status(&id()).map(|status| status.state), Some(State::Disabled));
+    let is_free = app.state.try_lock().is_ok();
+    drop(go_on);
+    reloading.await.expect("it is taken");
+    assert!(is_free, "a reload holds alarms up for as long as a term takes");
     std::fs::remove_dir_all(&folder).expect("the folder is there");
 }
 
