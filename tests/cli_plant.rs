@@ -61,6 +61,16 @@ fn a_folder_gives_groups_a_work_list_and_a_page_that_stands_alone() {
         one["at_limits"] == 0.0 && one["service_factor"].is_null() && one["score"].as_f64().is_some(),
         "{one}"
     );
+    // Of this record, which has a set point and limits, every one of these is known.
+    for known in ["iae", "iae_per_s", "ise", "error_sd", "error_mean", "pv_mean", "harris", "swing", "stuck"]
+    {
+        assert!(one[known].as_f64().is_some_and(f64::is_finite), "{known} in {one}");
+    }
+    let op = &one["op_distribution"];
+    let [low, middle, high] = ["q05", "q50", "q95"].map(|name| op[name].as_f64().expect("a quantile"));
+    assert!((0.0..=middle).contains(&low) && (middle..=100.0).contains(&high), "{op}");
+    let shares = op["histogram"].as_array().expect("a list").iter();
+    assert!((shares.filter_map(serde_json::Value::as_f64).sum::<f64>() - 1.0).abs() < 1e-6, "{op}");
 
     let page = fs::read_to_string(page).expect("written");
     assert!(
@@ -79,6 +89,32 @@ fn a_folder_gives_groups_a_work_list_and_a_page_that_stands_alone() {
             && text.contains("skipped broken: "),
         "{text}"
     );
+}
+
+#[test]
+fn how_steps_of_the_set_point_are_followed_is_told() {
+    let path = folder("plant-steps");
+    // Ten minutes after each step PV is there, and has gone a tenth beyond.
+    let level = |k: u32| if (k / 200).is_multiple_of(2) { 40.0 } else { 60.0 };
+    let mut text = "t,op,pv,sp\n".to_string();
+    for k in 0..1000_u32 {
+        let (since, sp) = (k % 200, level(k));
+        let sign = if sp > 50.0 { 1.0 } else { -1.0 };
+        let off = if k < 200 || since >= 10 {
+            0.0
+        } else if since < 5 {
+            -20.0
+        } else {
+            2.0
+        };
+        let _ = writeln!(text, "{},{},{},{sp}", 60 * k, 30 + k % 7, sp + sign * off);
+    }
+    fs::write(path.join("FIC1.csv"), text).expect("writable");
+    let output = stictiond(&["plant", path.to_str().expect("text"), "--format", "json", "--diagnose", "0"]);
+    let found: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let own = &found["loops"][0]["settling"];
+    assert_eq!((own["steps"].as_u64(), own["settled"].as_u64()), (Some(4), Some(4)), "{own}");
+    assert_eq!((own["time_s"].as_f64(), own["overshoot"].as_f64()), (Some(600.0), Some(0.1)), "{own}");
 }
 
 #[test]

@@ -108,7 +108,7 @@ fn rows(first: u64, plants: u64) {
         for (i, cause) in wanted.into_iter().flatten() {
             let own = &found.loops[i];
             let said = own.reason.as_ref().map_or("rest", |reason| reason.cause.as_str());
-            let p = own.reason.as_ref().map_or(0.0, |reason| reason.probability);
+            let p = own.reason.as_ref().and_then(|reason| reason.probability).unwrap_or(0.0);
             let signs: Vec<String> = own.signs.iter().map(|x| format!("{x:.5}")).collect();
             println!("{} {said} {p:.4} {source:?} {}", cause.map_or("rest", Cause::as_str), signs.join(" "));
         }

@@ -7,16 +7,17 @@ pub(super) mod rows;
 mod said;
 
 use super::persistence::Persistence;
+use super::silence::sources;
 use crate::config::Config;
-use crate::history::History;
+use crate::history::{History, TagKind};
 use crate::indicators::series::Values;
-use crate::plantwide::window::{of_record, silent_since};
+use crate::plantwide::window::{of_record, recent, silent_of};
 use crate::plantwide::{Analysis, Friction, Plant, PlantLoop, analyse};
 use crate::results::{Results, Summary};
 use crate::schedule::Clock;
 use crate::serve::report::GroupPictures;
 use crate::serve::{GroupSeen, Health, Overview, PlantwidePort, WorkLine};
-use crate::signal::{LoopId, Window};
+use crate::signal::{LoopId, Record, Role, Window};
 use crate::work::{self, Act, CostConfig, Measure, Order, Refusal, WorkList};
 use health::HealthLog;
 use said::{cost, said};
@@ -29,8 +30,11 @@ use std::time::{Duration, Instant};
 use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 
-/// Most samples of a loop that are looked at.
-const MOST_SAMPLES: usize = 3000;
+/// Rows of a loop with more samples: as many as a ring has unless the configuration says otherwise, so that the usual ring is looked
+/// at sample by sample. Rows between samples have less noise and a coloured one, and causes are told by the noise.
+const MOST_SAMPLES: usize = 4096;
+/// Samples of the recent part of a longer one: those of an hour at one a second.
+const RECENT_SAMPLES: usize = 3600;
 /// Groups that are drawn.
 const DRAWN: usize = 64;
 /// How far back a look goes, where the rings go further (s): a repair is judged once a window has nothing of before it.
@@ -44,7 +48,7 @@ pub(super) struct Plantwide {
     watched: Mutex<Watched>,
     list: Mutex<WorkList>,
     health: Mutex<HealthLog>,
-    /// How every loop was when it was last looked at.
+    /// How every loop was by the latest look; of one that this could not look at nothing is known.
     measures: Mutex<HashMap<LoopId, Measure>>,
     overview: Mutex<Option<Arc<Overview>>>,
     looking: AtomicBool,
@@ -75,24 +79,47 @@ struct Live<'a> {
     /// Those with samples enough when the look began.
     loops: Vec<LiveLoop<'a>>,
     results: &'a Results,
+    at: Moment,
+}
+
+/// When a look is made.
+#[derive(Clone, Copy)]
+struct Moment {
+    /// By our clock (s).
     now: f64,
+    /// Since the start (s).
+    elapsed_s: f64,
     /// Time between two looks (s).
     period_s: f64,
+}
+
+impl Moment {
+    /// What the clock shows that stamps a loop's PV (s), as its samples tell: a window is where PV is. Where nothing has come since
+    /// the start, our own clock is all there is.
+    fn by_stamps(self, history: &History, id: &LoopId) -> f64 {
+        history.stamps_show(id, &TagKind::Role(Role::Pv), self.elapsed_s).unwrap_or(self.now)
+    }
+
+    /// How far the clock that stamps a loop's samples is ahead of ours (s); 0 where it is behind.
+    fn ahead_s(self, history: &History, id: &LoopId) -> f64 {
+        (self.by_stamps(history, id) - self.now).max(0.0)
+    }
 }
 
 /// A loop and what its window was like when the look began.
 struct LiveLoop<'a> {
     of: &'a WatchedLoop,
-    /// The first of its samples (s).
+    /// The first of its samples, by our clock or earlier (s): repairs and terms of write-back are stamped by ours.
     from: f64,
     op_moves: bool,
     pv_moves: bool,
 }
 
 impl<'a> LiveLoop<'a> {
-    fn new(of: &'a WatchedLoop, window: &Window) -> Self {
+    /// Of a window whose stamps are so far ahead of our clock (s).
+    fn new(of: &'a WatchedLoop, window: &Window, ahead_s: f64) -> Self {
         let moves = |x: &[f64]| x.windows(2).any(|w| w[0] != w[1]);
-        Self { of, from: window.t0, op_moves: moves(&window.op), pv_moves: moves(&window.pv) }
+        Self { of, from: window.t0 - ahead_s, op_moves: moves(&window.op), pv_moves: moves(&window.pv) }
     }
 }
 
@@ -104,27 +131,44 @@ impl Plant for Live<'_> {
     fn get(&self, at: usize) -> Cow<'_, PlantLoop> {
         let own = self.loops[at].of;
         // One whose samples have all turned bad since is empty, and in no group.
-        let of = window(self.history, &own.id, (self.now, self.period_s));
+        let of = window(self.history, &own.id, self.at);
         let mut of = of.and_then(Result::ok).unwrap_or_default();
         of.name = own.id.to_string();
         of.upstream.clone_from(&own.upstream);
-        of.friction = self.results.get(&own.id, self.now).and_then(|known| friction_of(&known.summary?));
+        of.friction = self.results.get(&own.id, self.at.now).and_then(|known| friction_of(&known.summary?));
         Cow::Owned(of)
+    }
+
+    fn recent(&self, at: usize, hour_s: f64) -> Option<PlantLoop> {
+        let of = |name: &str, record: &Record| recent(name, record, hour_s, RECENT_SAMPLES);
+        of_rings(self.history, &self.loops[at].of.id, self.at, of)?.ok()
     }
 }
 
-/// The window of a loop at a time, by looks so far apart (s); `None` where it has no ring. A loop that is silent has none: what
+/// The window of a loop at a time; `None` where it has no ring. A loop that is silent has none: what
 /// its rings still hold says nothing of it as it is now.
-fn window(history: &History, id: &LoopId, (now, period_s): (f64, f64)) -> Option<Result<PlantLoop, String>> {
+fn window(history: &History, id: &LoopId, at: Moment) -> Option<Result<PlantLoop, String>> {
+    of_rings(history, id, at, |name, record| of_record(name, record, MOST_SAMPLES))
+}
+
+/// What `of` makes of a loop's rings.
+fn of_rings(
+    history: &History,
+    id: &LoopId,
+    at: Moment,
+    of: impl Fn(&str, &Record) -> Result<PlantLoop, String>,
+) -> Option<Result<PlantLoop, String>> {
     let mut record = history.snapshot(id)?;
-    if let Some((tag, since)) = silent_since(&record, now, period_s) {
+    let now = at.by_stamps(history, id);
+    // As the scheduler judges it.
+    let sources = sources((history, id), (at.now, at.elapsed_s), at.period_s);
+    if let Some((tag, since)) = silent_of(&record, at.period_s, sources) {
         return Some(Err(format!("no good sample of {tag} since {}", told(since))));
     }
     // The window is where PV is: what is older of the others is held into it.
     let end = record.pv.last().map_or(f64::NEG_INFINITY, |last| last.t);
     record.pv.retain(|sample| sample.t >= end - WEEK_S);
-    let of = of_record(id.as_str(), &record, MOST_SAMPLES);
-    Some(of.map(|of| {
+    Some(of(id.as_str(), &record).map(|of| {
         let end = of.window.t0 + of.window.ts * (of.window.len() as f64 - 1.0);
         PlantLoop { silent_s: (now - end).max(0.0), ..of }
     }))
@@ -173,9 +217,9 @@ impl Plantwide {
         });
         // Weakly: this part holds the other.
         let taker = Arc::downgrade(&own);
-        persistence.give_back_plantwide(Box::new(move |orders, days| {
+        persistence.give_back_plantwide(Box::new(move |kept| {
             if let Some(own) = taker.upgrade() {
-                own.take_back(orders, days);
+                own.take_back(kept);
             }
         }));
         own
@@ -185,10 +229,16 @@ impl Plantwide {
     pub(super) fn reload(&self, config: &Config, history: &Arc<History>) {
         *lock(&self.watched) = watched(config, history);
         let ids: BTreeSet<LoopId> = config.loops.iter().map(|own| LoopId::new(own.id.as_str())).collect();
-        lock(&self.list).keep_only(&ids);
         lock(&self.health).keep_only(&ids);
         lock(&self.measures).retain(|id, _| ids.contains(id));
-        self.results.swing(lock(&self.list).sources());
+        let mut list = lock(&self.list);
+        list.keep_only(&ids);
+        if !config.plantwide.enabled {
+            // No look will say any more how the plant swings.
+            list.forget_victims(|_| true);
+        }
+        self.results.swing(list.sources());
+        drop(list);
         self.wanted.notify_one();
     }
 
@@ -231,18 +281,20 @@ impl Plantwide {
 
     fn look_once(&self) {
         let began = Instant::now();
-        let now = self.clock.now();
         let watched = lock(&self.watched).clone();
-        let period_s = watched.config.period_s;
+        let (now, elapsed_s) = (self.clock.now(), self.clock.elapsed().as_secs_f64());
+        let at = Moment { now, elapsed_s, period_s: watched.config.period_s };
         let (mut loops, mut skipped) = (Vec::new(), Vec::new());
         for own in watched.loops.iter() {
-            match window(&watched.history, &own.id, (now, period_s)) {
-                Some(Ok(of)) => loops.push(LiveLoop::new(own, &of.window)),
+            match window(&watched.history, &own.id, at) {
+                Some(Ok(of)) => {
+                    loops.push(LiveLoop::new(own, &of.window, at.ahead_s(&watched.history, &own.id)));
+                }
                 Some(Err(why)) => skipped.push((own.id.clone(), why)),
                 None => {}
             }
         }
-        let plant = Live { history: &watched.history, loops, results: &self.results, now, period_s };
+        let plant = Live { history: &watched.history, loops, results: &self.results, at };
         let found = analyse(&plant);
         let mut said = said(&plant, &found);
         // What was taken out of the configuration meanwhile must not begin anew.
@@ -250,11 +302,7 @@ impl Plantwide {
         let there: BTreeSet<LoopId> = history.loops().iter().map(|own| own.id.clone()).collect();
         said.of_loops.retain(|own| there.contains(&own.id));
         said.measures.retain(|own| there.contains(&own.0));
-        lock(&self.measures).extend(said.measures);
-        let mut health = lock(&self.health);
-        let days = health.take(&said.values, now);
-        self.persistence.note_rows(days.iter().map(|(id, days)| rows::health_row(id, days)).collect());
-        drop(health);
+        self.keep_health(said.values, said.measures, now);
         let mut list = lock(&self.list);
         let changed = list.take(&said.of_loops, now, &watched.config);
         self.results.swing(list.sources());
@@ -274,6 +322,19 @@ impl Plantwide {
             "plant looked at"
         );
         *lock(&self.overview) = Some(Arc::new(Overview { at: now, took_s, looked_at, skipped, groups }));
+    }
+
+    /// Keeps the indicators of a look at `now` (s), and how the loops were by it.
+    fn keep_health(&self, values: Vec<(LoopId, Values)>, measures: Vec<(LoopId, Measure)>, now: f64) {
+        let mut health = lock(&self.health);
+        let keep = health.take(&values, now);
+        let mut own = lock(&self.measures);
+        *own = measures.into_iter().collect();
+        let today = |(id, part): &(LoopId, rows::Part)| {
+            rows::today_row(id, part, &own.get(id).copied().unwrap_or_default())
+        };
+        let days = keep.days.iter().map(|(id, days)| rows::health_row(id, days));
+        self.persistence.note_rows(days.chain(keep.parts.iter().map(today)).collect());
     }
 
     /// Time between two looks (s).

@@ -5,7 +5,8 @@
 //! ```
 //!
 //! PV, SP and e in PV's unit, ts in seconds; IAE in PV·s, ISE in PV²·s. Both are told per second as well, since records differ
-//! in length. Without a set point it is the mean of PV. Where the set point was lost the error ends with it.
+//! in length. Without a set point it is the mean of PV. Where the set point was not sampled there is no error: it begins and ends
+//! with it, and is drawn through what is missing between.
 
 use crate::sysid::stats::{mean, sd};
 
@@ -31,18 +32,21 @@ pub fn errors(pv: &[f64], sp: Option<&[f64]>) -> Vec<f64> {
     }
 }
 
-/// How many samples of a record there is an error of: `known` says at how many the set point is, from the first on, and none
-/// says at all of them. None of them where that is less than half.
-pub fn known_samples(pv: &[f64], sp: Option<&[f64]>, known: Option<usize>) -> usize {
-    let n = pv.len();
-    let known = known.filter(|_| sp.is_some()).map_or(n, |known| known.min(n));
-    if 2 * known < n { 0 } else { known }
-}
-
-/// [`errors`] at the samples of which there is one.
-pub fn known_errors(pv: &[f64], sp: Option<&[f64]>, known: Option<usize>) -> Vec<f64> {
-    let n = known_samples(pv, sp, known);
-    errors(&pv[..n], sp.filter(|sp| sp.len() == pv.len()).map(|sp| &sp[..n]))
+/// [`errors`] from the first sample at which the set point is known to the last, drawn through what is not known between them;
+/// `known` says at which it is, and none that it is at all of them. Nothing where it is known at less than half.
+pub fn known_errors(pv: &[f64], sp: Option<&[f64]>, known: Option<&[bool]>) -> Vec<f64> {
+    let mut e = errors(pv, sp);
+    let Some(known) = known.filter(|known| sp.is_some() && known.len() == e.len()) else { return e };
+    let at: Vec<usize> = (0..e.len()).filter(|k| known[*k]).collect();
+    let (Some(first), Some(last)) = (at.first(), at.last()) else { return Vec::new() };
+    if 2 * at.len() < e.len() {
+        return Vec::new();
+    }
+    for (from, to) in at.iter().zip(&at[1..]) {
+        let slope = (e[*to] - e[*from]) / (to - from) as f64;
+        (from + 1..*to).for_each(|k| e[k] = e[*from] + slope * (k - from) as f64);
+    }
+    e[*first..=*last].to_vec()
 }
 
 /// Measures the errors of a record; none without a sample.
@@ -72,12 +76,19 @@ mod tests {
         assert!((found.sd - 0.5f64.sqrt()).abs() < 1e-12);
         assert_eq!(errors(&[1.0, 3.0], None), [1.0, -1.0]);
         assert_eq!(measure(&[], 1.0), None);
-        let (pv, level) = ([1.0, 3.0, 2.0, 2.0], [2.0; 4]);
-        let sp = Some(level.as_slice());
-        assert_eq!(known_errors(&pv, sp, Some(3)), [1.0, -1.0, 0.0], "it ends with the set point");
-        assert_eq!(known_errors(&pv, sp, None).len(), 4);
-        // A set point of less than half of the time, and none that could be lost.
-        assert_eq!((known_samples(&pv, sp, Some(1)), known_samples(&pv, None, Some(1))), (0, 4));
         assert_eq!(measure(&[f64::NAN], 1.0), None);
+    }
+
+    #[test]
+    fn where_the_set_point_is_not_known_there_is_no_error() {
+        let (pv, level) = ([1.0, 3.0, 2.0, 2.0], [2.0; 4]);
+        let of = |known: [bool; 4]| known_errors(&pv, Some(&level), Some(&known));
+        assert_eq!(of([true, true, true, false]), [1.0, -1.0, 0.0], "it ends with the set point");
+        assert_eq!(of([false, true, true, true]), [-1.0, 0.0, 0.0], "and begins with it");
+        assert_eq!(of([true, false, true, true]), [1.0, 0.5, 0.0, 0.0], "a gap is drawn through");
+        assert!(of([true, false, false, false]).is_empty() && of([false; 4]).is_empty());
+        assert_eq!(known_errors(&pv, Some(&level), None).len(), 4);
+        // None that could be lost.
+        assert_eq!(known_errors(&pv, None, Some(&[false; 4])).len(), 4);
     }
 }

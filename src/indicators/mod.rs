@@ -18,10 +18,11 @@ pub mod travel;
 
 use crate::signal::{Row, Window};
 use crate::sysid::spectrum::Transforms;
+use crate::sysid::stats::mean;
 use distribution::Distribution;
 use error::LoopError;
 use harris::Harris;
-use noise::Kept;
+use noise::{Kept, Spread};
 use oscillation::Oscillation;
 use series::Values;
 use settling::Settling;
@@ -37,16 +38,21 @@ pub struct Known<'a> {
     pub mode: Option<&'a [f64]>,
     /// The controller's output limits (OP unit).
     pub op_limits: Option<(f64, f64)>,
-    /// Step of PV as it was measured (PV unit; 0 for none), where the window does not have its samples.
-    pub step: Option<f64>,
-    /// At how many samples, from the first on, the set point is known; none where it is at all of them.
-    pub sp_known: Option<usize>,
+    /// Step of PV (PV unit; 0 for none) and its spread as it was measured, where the window does not have its samples.
+    pub measured: Option<(f64, Spread)>,
+    /// At which samples the set point is known; none where it is at all of them.
+    pub sp_known: Option<&'a [bool]>,
     /// For how long there has been nothing since the window's end (s): it is a part of the time that is asked of.
     pub silent_s: f64,
+    /// Share of the time in which the valve's work was measured (0..1); none where it is that of the window's rows.
+    pub seen: Option<f64>,
     /// The valve's work as it was measured, where the window does not have its samples.
     pub travel: Option<Travel>,
-    /// Whether most of OP's movement is too fast for the window: what is left of it does not say whether PV answers.
-    pub blurred: bool,
+    /// Whether most of the movement of PV is too fast for the window: what is left of it says neither how far PV is off and whether it
+    /// swings, nor whether it answers.
+    pub pv_blurred: bool,
+    /// Whether most of the movement of OP is: then it is not known whether PV answers.
+    pub op_blurred: bool,
 }
 
 /// The indicators of one loop over one window.
@@ -54,12 +60,18 @@ pub struct Known<'a> {
 pub struct Indicators {
     /// Whether there was enough to measure: finite, and good samples over half of the time.
     pub measured: bool,
+    /// Whether most of the movement of PV is too fast for the window: then error, swing and score are not known.
+    pub blurred: bool,
     /// Share of the time in automatic (0..1).
     pub service_factor: Option<f64>,
     /// Share of the time with OP at a limit (0..1).
     pub at_limits: Option<f64>,
     /// The error.
     pub error: Option<LoopError>,
+    /// Its mean (PV); none without a set point.
+    pub error_mean: Option<f64>,
+    /// Mean of PV (PV).
+    pub pv_mean: Option<f64>,
     /// The Harris index of one sample's dead time.
     pub harris: Option<Harris>,
     /// Oscillations of the error, the largest first.
@@ -68,8 +80,8 @@ pub struct Indicators {
     pub swing: Option<f64>,
     /// How steps of the set point are followed.
     pub settling: Option<Settling>,
-    /// The valve's work.
-    pub travel: Travel,
+    /// The valve's work; none where it was measured over less than half of the time.
+    pub travel: Option<Travel>,
     /// Share of the time in which PV stands still while OP moves (0..1); none where OP does not move, or too fast to be seen.
     pub stuck: Option<f64>,
     /// Where OP stays.
@@ -81,6 +93,24 @@ pub struct Indicators {
 }
 
 impl Indicators {
+    /// With what rows between the samples do not tell, taken from the latest part of the record, which has the samples: the Harris
+    /// index and whether PV answers OP.
+    #[must_use]
+    pub fn with_recent(mut self, recent: &Self) -> Self {
+        if self.measured {
+            (self.harris, self.stuck) = (recent.harris, recent.stuck);
+            self.score = self.scored();
+        }
+        self
+    }
+
+    fn scored(&self) -> Option<f64> {
+        // A cycle that does not show may be all that is wrong.
+        (!self.blurred).then_some(())?;
+        let in_manual = self.service_factor.map(|share| 1.0 - share);
+        score::score(&[in_manual, self.at_limits, self.swing, self.stuck])
+    }
+
     /// As numbers.
     pub fn values(&self) -> Values {
         let measured = |value: f64| self.measured.then_some(value);
@@ -89,15 +119,18 @@ impl Indicators {
             self.service_factor,
             self.at_limits,
             self.error.map(|error| error.sd),
-            self.error.map(|error| error.mean_absolute),
+            // About a mean that every look has for itself it is no error over a day.
+            self.error_mean.and(self.error).map(|error| error.mean_absolute),
             self.harris.map(|harris| harris.index),
             self.swing,
             self.oscillations.first().map(|own| own.period_s),
-            measured(self.travel.a_day),
-            measured(self.travel.reversals_a_day),
+            self.travel.map(|travel| travel.a_day),
+            self.travel.map(|travel| travel.reversals_a_day),
             self.stuck,
             measured(self.kept.noise_share),
             measured(self.kept.quantisation),
+            self.error_mean,
+            self.pv_mean,
         ]
         .map(|value: Option<f64>| value.filter(|x| x.is_finite()))
     }
@@ -108,40 +141,48 @@ impl Indicators {
 pub fn indicators(window: &Window, known: &Known<'_>, transforms: &mut Transforms) -> Indicators {
     let finite = window.op.iter().chain(&window.pv).all(|x| x.is_finite());
     let length = window.pv.len() as f64 * window.ts;
-    let sparse = 2.0 * length * (1.0 - window.missing()) < length + known.silent_s;
+    let is_sparse = |seen: f64| 2.0 * length * seen < length + known.silent_s;
+    let covered = 1.0 - window.missing();
     // The mode is known no further than the window goes.
     let service_factor = known.mode.filter(|_| length >= known.silent_s).and_then(service::service_factor);
-    if !finite || sparse || window.op.len() != window.pv.len() || window.ts <= 0.0 || window.ts.is_nan() {
+    let usable = window.op.len() == window.pv.len() && window.ts > 0.0;
+    if !finite || is_sparse(covered) || !usable {
         return Indicators { service_factor, ..Indicators::default() };
     }
     let sp = window.sp.as_deref().filter(|sp| sp.len() == window.pv.len());
-    let there = error::known_samples(&window.pv, sp, known.sp_known);
-    let e = error::known_errors(&window.pv, sp, known.sp_known);
+    let e = if known.pv_blurred { Vec::new() } else { error::known_errors(&window.pv, sp, known.sp_known) };
+    let has_error = !e.is_empty();
     let oscillations = oscillation::oscillations(&e, window.ts, transforms);
-    let moved = window.mv.as_deref().unwrap_or(&window.op);
+    let (moved, seen) = (window.mv.as_deref().unwrap_or(&window.op), known.seen.unwrap_or(covered));
     let is_missing = |k: usize| window.row(k) == Row::Missing;
+    let is_known = |k: usize| known.sp_known.is_none_or(|known| known.get(k) == Some(&true));
     let swinging: f64 = oscillations.iter().map(|oscillation| oscillation.share).sum();
     let mut found = Indicators {
         measured: true,
+        blurred: known.pv_blurred,
         service_factor,
         at_limits: known.op_limits.and_then(|limits| service::at_limits(&window.op, limits)),
         error: error::measure(&e, window.ts),
+        error_mean: sp.filter(|_| has_error).map(|_| mean(&e)),
+        pv_mean: (!window.pv.is_empty()).then(|| mean(&window.pv)),
         harris: harris::harris(&e, DEAD),
         oscillations,
         swing: oscillation::can_tell(&e).then_some(swinging.clamp(0.0, 1.0)),
-        settling: sp.and_then(|sp| settling::settling(&window.pv[..there], &sp[..there], window.ts)),
-        travel: known.travel.unwrap_or_else(|| travel::travel(moved, window.ts, 1.0 - window.missing())),
-        stuck: if known.blurred { None } else { travel::stuck(&window.op, &window.pv, is_missing) },
+        settling: sp
+            .filter(|_| has_error)
+            .and_then(|sp| settling::settling(&window.pv, sp, window.ts, is_known)),
+        travel: (!is_sparse(seen))
+            .then(|| known.travel.unwrap_or_else(|| travel::travel(moved, window.ts, seen))),
+        stuck: if known.pv_blurred || known.op_blurred {
+            None
+        } else {
+            travel::stuck(&window.op, &window.pv, is_missing)
+        },
         distribution: known.op_limits.and_then(|limits| distribution::distribution(&window.op, limits)),
-        kept: noise::kept(&window.pv, known.step),
+        kept: noise::kept(&window.pv, known.measured),
         score: None,
     };
-    found.score = score::score(&[
-        found.service_factor.map(|share| 1.0 - share),
-        found.at_limits,
-        found.swing,
-        found.stuck,
-    ]);
+    found.score = found.scored();
     found
 }
 
@@ -185,10 +226,12 @@ mod tests {
         // Without the set point of less than half of the time it is not known how it swings.
         let pv: Vec<f64> = (0..1440).map(|k| ((k * k) as f64 * 0.7).sin()).collect();
         let window = Window { ts: 60.0, op: pv.clone(), sp: Some(vec![0.0; 1440]), pv, ..Window::default() };
-        for (sp_known, is_told) in [(None, true), (Some(1000), true), (Some(700), false)] {
-            let known = Known { sp_known, ..Known::default() };
+        for (count, is_told) in [(1440, true), (1000, true), (700, false)] {
+            let sp_known: Vec<bool> = (0..1440).map(|k| k < count).collect();
+            let known = Known { sp_known: Some(&sp_known), ..Known::default() };
             let found = indicators(&window, &known, &mut transforms);
-            assert_eq!((found.error.is_some(), found.swing.is_some()), (is_told, is_told), "{sp_known:?}");
+            assert_eq!((found.error.is_some(), found.swing.is_some()), (is_told, is_told), "{count}");
+            assert_eq!((found.error_mean.is_some(), found.pv_mean.is_some()), (is_told, true));
             assert!(found.stuck.is_some());
         }
     }
@@ -229,12 +272,46 @@ mod tests {
         let mut of = |known: &Known<'_>| indicators(&window, known, &mut transforms);
         let found = of(&Known::default());
         // Two turns in 20.94 s.
-        assert!((found.travel.reversals_a_day - 8251.0).abs() < 150.0, "{:?}", found.travel);
+        let own = found.travel.expect("seen for most of the time");
+        assert!((own.reversals_a_day - 8251.0).abs() < 150.0, "{own:?}");
         // What was measured before the window was thinned counts, and of a swing that is no more in it nothing is said.
         let travel = Travel { a_day: 7.0, reversals_a_day: 3.0 };
-        let known = Known { travel: Some(travel), blurred: true, ..Known::default() };
-        let thinned = of(&known);
-        assert!(found.stuck.is_some());
-        assert_eq!((thinned.travel, thinned.stuck), (travel, None));
+        let thinned = of(&Known { travel: Some(travel), ..Known::default() });
+        assert_eq!((thinned.travel, thinned.stuck), (Some(travel), found.stuck));
+        // Of a valve that was seen for less than half of the time nothing is known.
+        for (seen, is_told) in [(0.5, true), (0.49, false)] {
+            let valve = of(&Known { travel: Some(travel), seen: Some(seen), ..Known::default() });
+            assert_eq!((valve.travel.is_some(), valve.measured), (is_told, true));
+        }
+    }
+
+    #[test]
+    fn what_is_too_fast_for_the_window_is_not_judged_by_the_rest() {
+        let op: Vec<f64> = (0..1000).map(|k| (0.3 * f64::from(k)).sin()).collect();
+        let limits = Some((-10.0, 10.0));
+        let window = Window { ts: 1.0, sp: Some(vec![0.0; 1000]), pv: op.clone(), op, ..Window::default() };
+        let mut transforms = Transforms::new();
+        let mut of = |pv_blurred, op_blurred| {
+            let known = Known { op_limits: limits, mode: Some(&[1.0; 1000]), ..Known::default() };
+            indicators(&window, &Known { pv_blurred, op_blurred, ..known }, &mut transforms)
+        };
+        let unknown = |of: &Indicators| {
+            let values = of.values();
+            (0..series::COUNT).filter(|at| values[*at].is_none()).collect::<Vec<_>>()
+        };
+        let (sharp, pv, op) = (of(false, false), of(true, false), of(false, true));
+        assert_eq!(unknown(&sharp), []);
+        // Score, error, Harris index, swing and its period, whether PV stands still, and the mean of the error.
+        assert_eq!((unknown(&pv), pv.score), (vec![0, 3, 4, 5, 6, 7, 10, 13], None));
+        // What OP does is asked for nothing but whether PV answers it.
+        assert_eq!((unknown(&op), op.error, op.swing), (vec![10], sharp.error, sharp.swing));
+        assert!(op.score.is_some_and(|score| score < sharp.score.expect("known")), "{:?}", op.score);
+        // The latest part has both, and the score what it says of the valve.
+        let sure = Indicators { stuck: Some(1.0), harris: None, ..sharp.clone() };
+        let told = op.with_recent(&sure);
+        assert_eq!((told.stuck, told.harris), (Some(1.0), None));
+        assert!(told.score.is_some_and(|score| sharp.score.expect("known") - score > 10.0), "{told:?}");
+        assert_eq!(pv.with_recent(&sharp).score, None);
+        assert_eq!(Indicators::default().with_recent(&sharp), Indicators::default());
     }
 }

@@ -25,6 +25,25 @@ const ON_LINE: f64 = 1e-6;
 /// autocorrelations of -2/3 and 1/6, of which 7/12 are foretold.
 const LEFT_OF_NOISE: f64 = 0.625;
 
+/// How a signal spreads, and what of that is noise.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Spread {
+    /// Standard deviation (its unit).
+    pub sd: f64,
+    /// Standard deviation of its white noise, [`sigma`] (its unit).
+    pub noise: f64,
+    /// Standard deviation of its noise by the finest details alone, d (its unit).
+    pub finest: f64,
+}
+
+impl Spread {
+    /// Of a signal as it was sampled.
+    pub fn of(v: &[f64]) -> Self {
+        let finest = noise_sd(v);
+        Self { sd: sd(v), noise: white(v, finest), finest }
+    }
+}
+
 /// How a signal was measured and kept.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Kept {
@@ -48,6 +67,11 @@ pub fn step(v: &[f64]) -> f64 {
 
 /// Standard deviation of the white noise in `v` (its unit); 0 where it is too short to judge.
 pub fn sigma(v: &[f64]) -> f64 {
+    white(v, noise_sd(v))
+}
+
+/// The same, of which the finest details have so much.
+fn white(v: &[f64], finest: f64) -> f64 {
     let bends: Vec<f64> = v.windows(3).map(|w| w[1] - 0.5 * (w[0] + w[2])).collect();
     let covariance = |lag: usize| {
         let pairs = bends.len().saturating_sub(lag);
@@ -61,18 +85,18 @@ pub fn sigma(v: &[f64]) -> f64 {
     let after_one = whole * (1.0 - first * first);
     let second = if after_one > 0.0 { (two - first * one) / after_one } else { 0.0 };
     let left = after_one.max(0.0) * (1.0 - second * second).max(0.0);
-    noise_sd(v).min((left / LEFT_OF_NOISE).sqrt())
+    finest.min((left / LEFT_OF_NOISE).sqrt())
 }
 
-/// Looks at a signal; a signal that does not move has neither noise nor steps. `known` is its step where `v` is not as it was
-/// measured.
-pub fn kept(v: &[f64], known: Option<f64>) -> Kept {
-    let spread = sd(v);
+/// Looks at a signal; a signal that does not move has neither noise nor steps. `known` is its step and its spread where `v` is not
+/// as it was measured.
+pub fn kept(v: &[f64], known: Option<(f64, Spread)>) -> Kept {
+    let Spread { sd: spread, noise, .. } = known.map_or_else(|| Spread::of(v), |known| known.1);
     if v.len() < 3 || !(spread.is_finite() && spread > 0.0) {
         return Kept { compression: 1.0, ..Kept::default() };
     }
-    let share = (sigma(v) / spread).powi(2).min(1.0);
-    let quantisation = known.unwrap_or_else(|| step(v)) / spread;
+    let share = (noise / spread).powi(2).min(1.0);
+    let quantisation = known.map_or_else(|| step(v), |known| known.0) / spread;
     // A value that is held is on the line, too, but so it is behind a coarse sensor: that is no compression.
     let on_line = v.windows(3).filter(|w| {
         let (a, b) = (w[1] - w[0], w[2] - w[1]);
@@ -101,7 +125,11 @@ mod tests {
         assert!((kept(&coarse, None).quantisation - 0.25 / sd(&coarse)).abs() < 1e-9);
         assert!((step(&coarse) - 0.25).abs() < 1e-9 && step(&noisy) == 0.0 && step(&[]) == 0.0);
         let smooth: Vec<f64> = (0..2000).map(wave).collect();
-        assert!((kept(&smooth, Some(0.25)).quantisation - 0.25 / sd(&smooth)).abs() < 1e-9);
+        // What was measured before goes before what is seen.
+        let before = (0.25, Spread { sd: 2.0, noise: 1.0, finest: 1.0 });
+        let known = kept(&smooth, Some(before));
+        assert_eq!((known.quantisation, known.noise_share), (0.125, 0.25));
+        assert_eq!(Spread::of(&noisy).noise, sigma(&noisy));
         // Every fourth sample kept: of four, three lie on a line but the kept one and its line's start.
         let lines: Vec<f64> = (0..2000)
             .map(|k| {

@@ -9,12 +9,18 @@
 //! share = sum of |X|² over the band / sum over all f > 0
 //! ```
 //!
-//! It oscillates where r > 1 and R > 1/2: intervals of white noise in the same band are irregular, and an answer that dies
-//! away, as of a loop that is tuned well, has a small R. The largest oscillation is taken first; what is a multiple of its
-//! frequency belongs to it.
+//! It oscillates where r > 1 and p > 1/2, the probability that it is no chance in its band:
+//!
+//! ```text
+//! ln (p / (1 - p)) = w · (ln r, R, share of what is as fast as f/2 or faster, steadiness, 1 / sqrt(periods), 1)
+//! ```
+//!
+//! Intervals of white noise in the same band are irregular, and an answer that dies away, as of a loop that is tuned well, has a
+//! small R; R alone decides nothing. The weights w are a logit fitted on simulated loops (`calibrate oscillation`). The largest
+//! oscillation is taken first; what is a multiple of its frequency belongs to it.
 //!
 //! Source: Thornhill, Huang & Zhang, J. Process Control 2003, 13, 91 (r, and its threshold); Miao & Seborg, Control Eng.
-//! Practice 1999, 7, 577 (R, and its threshold). Chosen here: the bands are set by the signal and not by hand.
+//! Practice 1999, 7, 577 (R). Chosen here: the bands are set by the signal and not by hand, and R has no threshold of its own.
 
 use crate::sysid::spectrum::{Spectrum, Transforms};
 use crate::sysid::stats::{mean, median, sd};

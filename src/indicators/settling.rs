@@ -31,14 +31,15 @@ pub struct Settling {
     pub overshoot: f64,
 }
 
-/// Looks at every step of `sp`; none where there is no step to look at.
-pub fn settling(pv: &[f64], sp: &[f64], ts: f64) -> Option<Settling> {
+/// Looks at every step of `sp` between samples at which it is known; none where there is no step to look at.
+pub fn settling(pv: &[f64], sp: &[f64], ts: f64, is_known: impl Fn(usize) -> bool) -> Option<Settling> {
     let n = pv.len().min(sp.len());
     let noise = noise_sd(&pv[..n]);
     let steps: Vec<usize> = (1..n).filter(|k| sp[*k] != sp[k - 1]).collect();
     let (mut times, mut overs, mut seen) = (Vec::new(), Vec::new(), 0);
     for (i, &at) in steps.iter().enumerate() {
         let end = steps.get(i + 1).copied().unwrap_or(n);
+        let end = (at - 1..end).find(|k| !is_known(*k)).unwrap_or(end).max(at);
         let step = sp[at] - sp[at - 1];
         if end - at < LEAST || step.abs() < NOISE[1] * noise || !step.is_finite() {
             continue;
@@ -78,10 +79,14 @@ mod tests {
                 _ => 10.2,
             })
             .collect();
-        let found = settling(&pv, &sp, 2.0).expect("one step");
+        let found = settling(&pv, &sp, 2.0, |_| true).expect("one step");
         assert_eq!((found.steps, found.settled, found.time_s), (1, 1, Some(12.0)));
         assert!((found.overshoot - 0.1).abs() < 1e-12);
-        assert_eq!(settling(&pv, &[3.0; 60], 1.0), None);
-        assert_eq!(settling(&[], &[], 1.0), None);
+        assert_eq!(settling(&pv, &[3.0; 60], 1.0, |_| true), None);
+        assert_eq!(settling(&[], &[], 1.0, |_| true), None);
+        // When it came is not known where the samples before it are missing, and what came after it ends with them.
+        assert_eq!(settling(&pv, &sp, 2.0, |k| k > 9), None);
+        assert_eq!(settling(&pv, &sp, 2.0, |k| k < 40), Some(found));
+        assert_eq!(settling(&pv, &sp, 2.0, |k| k < 15), None);
     }
 }

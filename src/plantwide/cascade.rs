@@ -1,8 +1,12 @@
 //! Cascades: a set point that moves as another loop's output does, but for scale.
 //!
 //! ```text
-//! r² = (sum of s o)² / (sum of s² · sum of o²)      s, o: set point and output about their means, at up to 200 common times
+//! r² = (sum of s o)² / (sum of s² · sum of o²)      0 where the sum of s o is below 0
 //! ```
+//!
+//! s and o are set point and output about their means at up to 200 common times, and once more their changes from each of these
+//! times to the next; the smaller r² of the two counts. Two ramps, or two slow swings, have the same values but for scale without
+//! having anything to do with each other: what they change by is their own. No master sets a point against its output.
 //!
 //! Every set point with every output is a time that grows with the square of the plant. So the outputs that are most like a set
 //! point are found by one product each of two short vectors, and those alone are compared at the times of their own samples.
@@ -121,7 +125,8 @@ fn sketch(of: &Track, (from, to): (f64, f64)) -> Option<Vec<f64>> {
     Some(about.iter().map(|x| if is_moving { x / length } else { 0.0 }).collect())
 }
 
-/// The squared correlation of two signals at the same times; 0 where they share too little time.
+/// The squared correlation of two signals at the same times, of their values or of their changes, whichever is less; 0 where they
+/// share too little time.
 pub fn correlation(a: &Track, b: &Track) -> f64 {
     let (from, to) = (a.t0.max(b.t0), a.end().min(b.end()));
     if to <= from || a.x.is_empty() || b.x.is_empty() {
@@ -133,10 +138,19 @@ pub fn correlation(a: &Track, b: &Track) -> f64 {
     let step = ((to - from) / (COMPARED as f64 * coarse.ts)).ceil().max(1.0) * coarse.ts;
     let times = (0..).map(|k| first + f64::from(k) * step).take_while(|t| *t < to);
     let (a, b): (Vec<f64>, Vec<f64>) = times.map(|t| (a.at(t), b.at(t))).unzip();
-    let (ma, mb) = (mean(&a), mean(&b));
-    let sum = |f: &dyn Fn(f64, f64) -> f64| a.iter().zip(&b).map(|(a, b)| f(a - ma, b - mb)).sum::<f64>();
+    if a.len() <= 20 {
+        return 0.0;
+    }
+    let changes = |x: &[f64]| -> Vec<f64> { x.windows(2).map(|w| w[1] - w[0]).collect() };
+    alike(&a, &b).min(alike(&changes(&a), &changes(&b)))
+}
+
+/// r² of two series; 0 where one does not move, or they move against each other.
+fn alike(a: &[f64], b: &[f64]) -> f64 {
+    let (ma, mb) = (mean(a), mean(b));
+    let sum = |f: &dyn Fn(f64, f64) -> f64| a.iter().zip(b).map(|(a, b)| f(a - ma, b - mb)).sum::<f64>();
     let (aa, bb, ab) = (sum(&|a, _| a * a), sum(&|_, b| b * b), sum(&|a, b| a * b));
-    if a.len() > 20 && aa > 0.0 && bb > 0.0 { ab * ab / (aa * bb) } else { 0.0 }
+    if aa > 0.0 && bb > 0.0 && ab > 0.0 { ab * ab / (aa * bb) } else { 0.0 }
 }
 
 #[cfg(test)]
@@ -164,6 +178,26 @@ mod tests {
         assert!(correlation(&fine, &Track::of(&v, &other)) < 0.2);
         let track = |x: &[f64]| Track::of(&w, x);
         assert_eq!(correlation(&track(&[]), &track(&[1.0])), 0.0);
+    }
+
+    #[test]
+    fn what_ramps_or_swings_as_another_does_is_not_its_slave() {
+        let signal = |of: fn(f64) -> f64, own: usize| -> Vec<f64> {
+            (0..2000_usize).map(|k| of(k as f64) + 0.4 * jagged(3 * k + own)).collect()
+        };
+        let w = of(30.0, Vec::new()).window;
+        let r2 = |a: &[f64], b: &[f64]| correlation(&Track::of(&w, a), &Track::of(&w, b));
+        let (ramp, swing) = (|k: f64| 0.01 * k, |k: f64| 5.0 * (std::f64::consts::TAU * k / 500.0).sin());
+        for shape in [ramp as fn(f64) -> f64, swing] {
+            let (own, other) = (signal(shape, 7), signal(shape, 500));
+            assert!(alike(&own, &other) > SAME, "their values are alike");
+            assert!(r2(&own, &other) < 0.5, "{}", r2(&own, &other));
+            let against: Vec<f64> = own.iter().map(|x| 50.0 - x).collect();
+            assert_eq!(r2(&own, &against), 0.0);
+            // A set point in tenths is its master's output all the same.
+            let rounded: Vec<f64> = own.iter().map(|x| (3.0 + 5.0 * x).round() / 10.0).collect();
+            assert!(r2(&rounded, &own) > SAME, "{}", r2(&rounded, &own));
+        }
     }
 
     #[test]

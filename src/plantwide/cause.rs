@@ -5,12 +5,15 @@
 //! ```
 //!
 //! x are the loop's own [`super::signs`]; the weights are a multinomial logit fitted on simulated loops (`causes fit`), so that
-//! the probability is what such loops say. A loop that is likelier at rest than anything else has no cause. Below 1/2 the cause is
-//! `unknown`. A member of a group is its `neighbour`'s victim by the probability that another member is the source, and what is
-//! said of the source is weighted by the probability that it is.
+//! the probability is what such loops say. A loop that is likelier at rest than anything else has no cause. Where the likeliest
+//! cause has less than 1/2 it is `unknown`, which has no probability. A member of a group is its `neighbour`'s victim by the
+//! probability that another member is the source, and the cause of the source has its own probability times that by which it is
+//! the source: of a member a cause is named from 1/4 on.
 //!
 //! What a diagnosis said of the valve goes before the signs: one that sticks is the cause, unless another member is likelier the
 //! source of the group, and one that is sound is not.
+//!
+//! Of a loop that [`is_judged`] leaves out nothing is said.
 
 use super::LoopFound;
 use super::groups::Group;
@@ -66,8 +69,10 @@ impl Cause {
 pub struct Reason {
     /// Which.
     pub cause: Cause,
-    /// Probability (0..1).
-    pub probability: f64,
+    /// Probability of the cause (0..1); none of `unknown`: there is nothing to be sure of.
+    pub probability: Option<f64>,
+    /// Probability that the loop which it comes from, `neighbour` or else this one, is the source (0..1); 1 of one in no group.
+    pub source: f64,
     /// One sentence.
     pub why: String,
     /// The loop that is meant by `neighbour`.
@@ -104,23 +109,34 @@ pub fn probabilities(signs: &Signs) -> [f64; CLASSES.len()] {
     scores.map(|s| (s - most).exp() / sum)
 }
 
-/// The cause of one loop; none where it is at rest, or in manual for most of the time.
+/// Whether a loop's record shows it at work: good samples over half of the time, and in manual for half of it at most.
+///
+/// Another one is no suspect and has no cause: in manual it has no cycle of its own and nothing was asked of its valve, and what is
+/// drawn through gaps was not measured.
+pub fn is_judged(of: &LoopFound) -> bool {
+    let in_manual = of.indicators.service_factor.is_some_and(|share| share < IN_MANUAL);
+    of.indicators.measured && !in_manual
+}
+
+/// The cause of one loop; none where it is at rest, or cannot be judged.
 pub fn reason(at: usize, found: &[LoopFound], groups: &[Group]) -> Option<Reason> {
     let of = &found[at];
-    if of.indicators.service_factor.is_some_and(|share| share < IN_MANUAL) {
+    if !is_judged(of) {
         return None;
     }
     let group = of.group.map(|g| &groups[g]);
     // Who is not among the suspects of its group is not its source.
     let suspect = |group: &Group| group.suspects.iter().find(|s| s.at == at).map_or(0.0, |s| s.probability);
     let is_source = group.map_or(1.0, suspect);
-    let shared = group.filter(|_| is_source < 0.5).map(|group| shared(at, found, group, is_source));
+    let shared =
+        group.filter(|_| is_source < STANDS_OUT).and_then(|group| shared(at, found, group, is_source));
     match (shared, of.friction.as_ref().filter(|own| own.sticks)) {
         (Some(shared), None) => Some(shared),
         (Some(shared), Some(_)) if shared.cause == Cause::Neighbour => Some(shared),
         (_, Some(friction)) => Some(Reason {
             cause: Cause::Valve,
-            probability: friction.probability * is_source,
+            probability: Some(friction.probability * is_source),
+            source: is_source,
             why: friction.says.clone(),
             neighbour: None,
         }),
@@ -131,17 +147,19 @@ pub fn reason(at: usize, found: &[LoopFound], groups: &[Group]) -> Option<Reason
 /// What a loop's own signs say; none where it is in no group and at rest.
 fn by_signs(of: &LoopFound, is_member: bool, is_source: f64) -> Option<Reason> {
     let (which, p) = classes(of).into_iter().enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
-    let probability = p * is_source;
+    let own = |cause: Cause, probability: Option<f64>, why: String| {
+        Some(Reason { cause, probability, source: is_source, why, neighbour: None })
+    };
     match CLASSES[which] {
         None if !is_member => None,
-        Some(cause) if p >= 0.5 => Some(Reason { cause, probability, why: why(cause, of), neighbour: None }),
+        Some(cause) if p >= 0.5 => own(cause, Some(p * is_source), why(cause, of)),
         _ => {
             let why = if is_member {
                 "it is the likeliest source of its group, but its own signals do not say why it swings"
             } else {
                 "its own signals do not say why it is not at rest"
             };
-            Some(Reason { cause: Cause::Unknown, probability, why: why.into(), neighbour: None })
+            own(Cause::Unknown, None, why.into())
         }
     }
 }
@@ -157,31 +175,31 @@ fn classes(of: &LoopFound) -> [f64; CLASSES.len()] {
     all
 }
 
-/// What is said of a member of a group that is likelier not its source.
-fn shared(at: usize, found: &[LoopFound], group: &Group, own: f64) -> Reason {
-    let first = group.suspects.first().filter(|s| s.at != at);
+/// What is said of a member of a group that is likelier not its source; none where nobody is suspected.
+fn shared(at: usize, found: &[LoopFound], group: &Group, own: f64) -> Option<Reason> {
+    let first = group.suspects.first()?;
     let many = group.members.len();
     let swing = period(group.period_s);
-    match first {
-        Some(first) => {
-            let (source, others) = (&found[first.at].name, others(many - 1));
-            let swings = format!("it swings with {others} at a period of {swing}");
-            let why = if first.probability >= 0.5 {
-                format!("{swings} and is expected to calm down when {source} does")
-            } else {
-                format!("{swings}; no source stands out among them, and {source} is the likeliest")
-            };
-            Reason { cause: Cause::Neighbour, probability: 1.0 - own, why, neighbour: Some(first.at) }
-        }
-        None => Reason {
-            cause: Cause::Unknown,
-            probability: own,
-            why: format!(
-                "{many} loops swing together with a period of {swing}; no source stands out among them, and this one is the likeliest"
-            ),
-            neighbour: None,
-        },
+    if first.at == at {
+        let why = format!(
+            "{many} loops swing together with a period of {swing}; no source stands out among them, and this one is the likeliest"
+        );
+        return Some(Reason { cause: Cause::Unknown, probability: None, source: own, why, neighbour: None });
     }
+    let (source, others) = (&found[first.at].name, others(many.saturating_sub(1)));
+    let swings = format!("it swings with {others} at a period of {swing}");
+    let why = if first.probability >= STANDS_OUT {
+        format!("{swings} and is expected to calm down when {source} does")
+    } else {
+        format!("{swings}; no source stands out among them, and {source} is the likeliest")
+    };
+    Some(Reason {
+        cause: Cause::Neighbour,
+        probability: Some(1.0 - own),
+        source: first.probability,
+        why,
+        neighbour: Some(first.at),
+    })
 }
 
 fn others(many: usize) -> String {
@@ -252,6 +270,8 @@ fn why(cause: Cause, of: &LoopFound) -> String {
     }
 }
 
+/// Probability from which a source stands out: it is likelier than all other suspects together.
+pub const STANDS_OUT: f64 = 0.5;
 /// Share of the time in automatic below which nothing is said of a controller.
 const IN_MANUAL: f64 = 0.5;
 /// Where two of the signs stand.
@@ -261,8 +281,15 @@ const HELD: usize = 3;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::indicators::Indicators;
     use crate::indicators::oscillation::Oscillation;
     use crate::plantwide::{Friction, Suspect};
+
+    /// A loop of which there was enough to measure.
+    fn measured() -> LoopFound {
+        let indicators = Indicators { measured: true, ..Indicators::default() };
+        LoopFound { indicators, ..LoopFound::default() }
+    }
 
     fn said(sticks: bool) -> Option<Friction> {
         Some(Friction { sticks, probability: 0.9, says: "The valve sticks by 3 %".into() })
@@ -282,11 +309,11 @@ mod tests {
     #[test]
     fn a_diagnosis_goes_before_the_shape_of_pv() {
         // PV that stands still: without a diagnosis it is the sensor.
-        let mut of = LoopFound { signs: only(HELD, 0.5), ..LoopFound::default() };
+        let mut of = LoopFound { signs: only(HELD, 0.5), ..measured() };
         assert_eq!(reason(0, &[of.clone()], &[]).map(|own| own.cause), Some(Cause::Sensor));
         of.friction = said(true);
         let valve = reason(0, &[of], &[]).expect("a cause");
-        assert_eq!((valve.cause, valve.probability), (Cause::Valve, 0.9));
+        assert_eq!((valve.cause, valve.probability, valve.source), (Cause::Valve, Some(0.9), 1.0));
         assert_eq!(valve.why, "The valve sticks by 3 %");
     }
 
@@ -295,7 +322,7 @@ mod tests {
         // Where largest oscillation and its steadiness stand.
         const SWING: usize = 4;
         const STEADY: usize = 5;
-        let mut of = LoopFound { signs: only(SWING, 1.0), ..LoopFound::default() };
+        let mut of = LoopFound { signs: only(SWING, 1.0), ..measured() };
         of.signs[STEADY] = 1.0;
         of.friction = said(false);
         let all = classes(&of);
@@ -306,7 +333,7 @@ mod tests {
 
     #[test]
     fn a_valve_that_sticks_may_swing_with_a_neighbour() {
-        let mut of = LoopFound { group: Some(0), friction: said(true), ..LoopFound::default() };
+        let mut of = LoopFound { group: Some(0), friction: said(true), ..measured() };
         let group = |first, second| Group {
             members: vec![0, 1],
             suspects: vec![suspect(first, 0.6), suspect(second, 0.4)],
@@ -315,21 +342,45 @@ mod tests {
         let of_two = |of: &LoopFound, group: Group| reason(0, &[of.clone(), of.clone()], &[group]);
         let source = of_two(&of, group(0, 1)).expect("a cause");
         assert_eq!(source.cause, Cause::Valve);
-        assert!((source.probability - 0.54).abs() < 1e-12);
+        assert!(source.probability.is_some_and(|p| (p - 0.54).abs() < 1e-12), "{source:?}");
         assert_eq!(of_two(&of, group(1, 0)).and_then(|own| own.neighbour), Some(1));
         // Who is the likeliest of many, but not likely, has a valve that sticks all the same.
         let unsure = Group { suspects: vec![suspect(0, 0.4), suspect(1, 0.3)], ..group(0, 1) };
         assert_eq!(of_two(&of, unsure.clone()).map(|own| own.cause), Some(Cause::Valve));
         of.friction = None;
-        assert_eq!(of_two(&of, unsure).map(|own| own.cause), Some(Cause::Unknown));
+        // Of no cause there is nothing to be sure of, but how likely it is the source is known.
+        let unknown = of_two(&of, unsure).expect("it swings");
+        assert_eq!((unknown.cause, unknown.probability, unknown.source), (Cause::Unknown, None, 0.4));
+    }
+
+    #[test]
+    fn of_a_loop_that_cannot_be_judged_nothing_is_said() {
+        let mut of = LoopFound { signs: only(HELD, 0.5), friction: said(true), ..measured() };
+        assert!(is_judged(&of) && reason(0, &[of.clone()], &[]).is_some());
+        of.indicators.service_factor = Some(0.4);
+        assert!(!is_judged(&of) && reason(0, &[of.clone()], &[]).is_none(), "in manual");
+        of.indicators = Indicators { service_factor: Some(1.0), ..Indicators::default() };
+        assert!(!is_judged(&of) && reason(0, &[of], &[]).is_none(), "mostly gaps");
+    }
+
+    #[test]
+    fn what_its_own_signals_do_not_say_has_no_probability() {
+        // By its signs it is likelier at rest than anything else, and the likeliest source of a group all the same.
+        let of = LoopFound { group: Some(0), ..measured() };
+        let group = Group { members: vec![0, 1], suspects: vec![suspect(0, 0.8)], ..Group::default() };
+        let all = probabilities(&of.signs);
+        assert!(all[..CLASSES.len() - 1].iter().all(|p| *p < all[CLASSES.len() - 1]), "{all:?}");
+        let told = reason(0, &[of], &[group]).expect("a member");
+        assert_eq!((told.cause, told.probability, told.source), (Cause::Unknown, None, 0.8));
     }
 
     #[test]
     fn who_is_not_ranked_is_a_neighbour() {
-        let of = LoopFound { group: Some(0), signs: only(HELD, 0.5), ..LoopFound::default() };
-        let group = Group { members: vec![1, 0], suspects: vec![suspect(1, 1.0)], ..Group::default() };
+        let of = LoopFound { group: Some(0), signs: only(HELD, 0.5), ..measured() };
+        let group = Group { members: vec![1, 0], suspects: vec![suspect(1, 0.9)], ..Group::default() };
         let told = reason(0, &[of.clone(), of], &[group]).expect("a cause");
-        assert_eq!((told.cause, told.neighbour, told.probability), (Cause::Neighbour, Some(1), 1.0));
+        assert_eq!((told.cause, told.neighbour), (Cause::Neighbour, Some(1)));
+        assert_eq!((told.probability, told.source), (Some(1.0), 0.9));
     }
 
     #[test]
@@ -387,7 +438,7 @@ mod tests {
 
     #[test]
     fn a_loop_is_expected_to_calm_down_with_a_source_that_stands_out_alone() {
-        let of = |name: &str| LoopFound { name: name.into(), group: Some(0), ..LoopFound::default() };
+        let of = |name: &str| LoopFound { name: name.into(), group: Some(0), ..measured() };
         let told = |first: f64, members: Vec<usize>| {
             let suspects = vec![suspect(1, first), suspect(0, 0.3)];
             let group = Group { period_s: 60.0, members, suspects, ..Group::default() };

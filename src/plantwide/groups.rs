@@ -12,8 +12,8 @@
 //! after one step of the power method; it is compared with every loop, so that who swings too little to be noticed alone is found
 //! with the others. Two and more make a group.
 //!
-//! On a grid of shorter records only those count that have a member without a place on a longer one. Such a group takes in one
-//! that was found on a longer grid with the same period and mostly the same loops.
+//! On a grid of a shorter time only those count that have a member without a place on a longer one on which their period is
+//! compared. Such a group takes in one that was found on a longer grid with the same period and mostly the same loops.
 //!
 //! Source: Thornhill, Shah, Huang & Vishnubhotla, Control Eng. Practice 2002, 10, 833 (spectral principal components); Jiang,
 //! Choudhury & Shah, J. Process Control 2007, 17, 159 (spectral envelope: loops that share a frequency).
@@ -61,8 +61,11 @@ pub struct Group {
 pub fn groups(swings: &[&[Oscillation]], grids: &[Spectra]) -> Vec<Group> {
     let mut found: Vec<Group> = Vec::new();
     for (number, spectra) in grids.iter().enumerate() {
-        let is_new = |member: &usize| grids[..number].iter().all(|longer| longer.spectrum(*member).is_none());
         for group in on_grid(swings, spectra) {
+            let is_on = |longer: &Spectra, member: usize| {
+                longer.compares(group.period_s) && longer.spectrum(member).is_some()
+            };
+            let is_new = |member: &usize| !grids[..number].iter().any(|longer| is_on(longer, *member));
             if group.members.iter().any(is_new) {
                 let group = with_longer(Group { grid: number, ..group }, &mut found, spectra);
                 found.push(group);
@@ -102,7 +105,9 @@ fn on_grid(swings: &[&[Oscillation]], spectra: &Spectra) -> Vec<Group> {
         .iter()
         .enumerate()
         .flat_map(|(i, of)| of.iter().map(move |o| (i, o.period_s, o.share)))
-        .filter(|(i, period, _)| spectra.inside(*i, &spectra.band(*period)).is_some())
+        .filter(|(i, period, _)| {
+            spectra.compares(*period) && spectra.inside(*i, &spectra.band(*period)).is_some()
+        })
         .collect();
     // By period, so that only neighbours are compared.
     nodes.sort_by(|a, b| a.1.total_cmp(&b.1));

@@ -40,18 +40,22 @@ pub struct PlantLoop {
     pub window: Window,
     /// 1 in automatic, 0 otherwise, NaN where it is not known, at every sample of the window, where recorded.
     pub mode: Option<Vec<f64>>,
-    /// At how many samples, from the first on, the set point is known; none where it is at all of them.
-    pub sp_known: Option<usize>,
+    /// At which samples of the window the set point is known; none where it is at all of them.
+    pub sp_known: Option<Vec<bool>>,
+    /// At which samples of the window the stem was measured; none where it was at all of them.
+    pub stem_known: Option<Vec<bool>>,
     /// For how long there has been nothing since the window's end (s).
     pub silent_s: f64,
     /// The controller's output limits (OP unit), where known.
     pub op_limits: Option<(f64, f64)>,
-    /// What thinning took from PV, where the window is thinned.
+    /// What thinning took from PV and OP, where the window is thinned.
     pub raw: Option<Raw>,
     /// What the valve did from row to row, by the samples themselves, where the window is thinned.
     pub work: Option<Work>,
-    /// Whether most of OP's movement is too fast for the window.
-    pub blurred: bool,
+    /// Whether most of the movement of PV is too fast for the window.
+    pub pv_blurred: bool,
+    /// Whether most of the movement of OP is.
+    pub op_blurred: bool,
     /// Tags of loops whose stream enters it, where somebody knows them.
     pub upstream: Vec<String>,
     /// What a diagnosis of its valve said, where there was one.
@@ -65,6 +69,12 @@ pub trait Plant {
 
     /// One of them; asked again, it may have newer samples.
     fn get(&self, at: usize) -> Cow<'_, PlantLoop>;
+
+    /// The latest part of one whose window is thinned, at least `hour_s` (s) of it, in rows that do not depend on how long the
+    /// window is; `None` where there is no more than the window.
+    fn recent(&self, _at: usize, _hour_s: f64) -> Option<PlantLoop> {
+        None
+    }
 }
 
 impl Plant for Vec<PlantLoop> {
@@ -76,6 +86,9 @@ impl Plant for Vec<PlantLoop> {
         Cow::Borrowed(&self[at])
     }
 }
+
+/// What of a record the indicators of a look are taken from, where the record is longer (s).
+pub const HOUR_S: f64 = 3600.0;
 
 /// What a diagnosis said of a valve.
 #[derive(Clone, Debug, PartialEq)]
@@ -97,8 +110,10 @@ pub struct LoopFound {
     pub upstream: Vec<String>,
     /// What a diagnosis of its valve said, where there was one.
     pub friction: Option<Friction>,
-    /// Its indicators.
+    /// Its indicators. Those that only samples tell are of the latest part where the window is thinned.
     pub indicators: Indicators,
+    /// Those of the latest part, where the window is thinned and there is one.
+    pub recent: Option<Indicators>,
     /// Oscillations of PV, the largest first.
     pub oscillations: Vec<Oscillation>,
     /// What its own cause is told by.
@@ -109,6 +124,14 @@ pub struct LoopFound {
     pub group: Option<usize>,
     /// Why it is not at rest; none where nothing is wrong with it.
     pub reason: Option<Reason>,
+}
+
+impl LoopFound {
+    /// The indicators of the longest time that tells how far PV is off and whether it swings: of the window, and of the latest part
+    /// where most of the movement of PV is too fast for the window.
+    pub fn told(&self) -> &Indicators {
+        self.recent.as_ref().filter(|_| self.indicators.blurred).unwrap_or(&self.indicators)
+    }
 }
 
 /// What was found of a plant.
@@ -126,7 +149,8 @@ pub fn analyse(plant: &dyn Plant) -> Analysis {
     let (mut found, mut spans, mut slaves) = (Vec::new(), Vec::new(), Vec::new());
     for at in 0..plant.count() {
         let of = plant.get(at);
-        found.push(one(&of, &mut transforms));
+        let recent = of.raw.and_then(|_| plant.recent(at, HOUR_S));
+        found.push(one(&of, recent.as_ref(), &mut transforms));
         spans.push(Span::of(&of.window));
         if of.window.sp.as_deref().is_some_and(is_moved) {
             slaves.push(at);
@@ -173,32 +197,50 @@ fn join(groups: &[Group], found: &mut [LoopFound]) {
     }
 }
 
-/// Of every loop the indicators of the last `hour_s` as numbers, those that need longer over all of its window.
+/// Of every loop the indicators of the last `hour_s` as numbers, those that need longer over all of its window. A thinned window
+/// has rows that grow with it: where there are better ones of the latest part, the hour, the Harris index and what the score says of
+/// a stuck valve are taken from these, and so is what the window does not tell because PV is blurred.
 pub fn values(plant: &dyn Plant, found: &Analysis, hour_s: f64) -> Vec<Values> {
     let mut transforms = Transforms::new();
     let mut latest = |(at, found): (usize, &LoopFound)| {
-        let hour = health(&window::tail(&plant.get(at), hour_s), &mut transforms).values();
-        series::latest(&hour, &found.indicators.values())
+        let recent = found.recent.as_ref().and_then(|_| plant.recent(at, hour_s));
+        let of = recent.map_or_else(|| plant.get(at), Cow::Owned);
+        let hour = health(&window::tail(&of, hour_s), &mut transforms).values();
+        let recent = found.recent.as_ref().unwrap_or(&found.indicators);
+        series::latest(&hour, &recent.values(), &found.told().values())
     };
     found.loops.iter().enumerate().map(&mut latest).collect()
 }
 
 fn health(of: &PlantLoop, transforms: &mut Transforms) -> Indicators {
-    let seen_s = of.window.len() as f64 * of.window.ts * (1.0 - of.window.missing());
+    let w = &of.window;
+    let share = |known: &Vec<bool>| known.iter().filter(|is| **is).count() as f64 / known.len().max(1) as f64;
+    // The valve is seen while its stem is measured, and where there is none while OP and PV are.
+    let of_stem = w.mv.as_ref().map(|_| of.stem_known.as_ref().map_or(1.0, share));
+    let seen = of_stem.unwrap_or_else(|| 1.0 - w.missing());
+    let seen_s = w.len() as f64 * w.ts * seen;
     let known = Known {
         mode: of.mode.as_deref(),
         op_limits: of.op_limits,
-        step: of.raw.map(|raw| raw.step),
-        sp_known: of.sp_known,
+        measured: of.raw.map(|raw| (raw.step, raw.pv)),
+        sp_known: of.sp_known.as_deref(),
         silent_s: of.silent_s,
+        seen: Some(seen),
         travel: of.work.as_ref().map(|work| work.travel(seen_s)),
-        blurred: of.blurred,
+        pv_blurred: of.pv_blurred,
+        op_blurred: of.op_blurred,
     };
-    indicators(&of.window, &known, transforms)
+    indicators(w, &known, transforms)
 }
 
-fn one(of: &PlantLoop, transforms: &mut Transforms) -> LoopFound {
-    let indicators = health(of, transforms);
+/// What there is of one loop; `recent`: its latest part, where the window is thinned.
+fn one(of: &PlantLoop, recent: Option<&PlantLoop>, transforms: &mut Transforms) -> LoopFound {
+    let recent = recent.map(|recent| health(recent, transforms));
+    let whole = health(of, transforms);
+    let indicators = match &recent {
+        Some(recent) => whole.with_recent(recent),
+        None => whole,
+    };
     let mut swings = Vec::new();
     // What is drawn through gaps swings by itself.
     if indicators.measured {
@@ -213,6 +255,7 @@ fn one(of: &PlantLoop, transforms: &mut Transforms) -> LoopFound {
         upstream: of.upstream.clone(),
         friction: of.friction.clone(),
         indicators,
+        recent,
         oscillations: swings,
         ..LoopFound::default()
     };
@@ -282,6 +325,25 @@ mod tests {
         };
         // 26 % of the variance, and 8 %.
         assert_eq!((groups(0.6), groups(0.3)), (vec![2], vec![]));
+    }
+
+    #[test]
+    fn a_swing_too_fast_for_the_grid_of_long_records_is_a_group_too() {
+        // 28 h at 5 s: on 8,192 steps each is 12.2 s long.
+        let one = |name: usize| {
+            let noise = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(name as u64));
+            let period = if name < 3 { 18.0 } else { 2000.0 };
+            let wave = |(k, e): (u32, f64)| (TAU * 5.0 * f64::from(k) / period).sin() + 0.2 * e;
+            let pv: Vec<f64> = (0..20_000_u32).zip(noise).map(wave).collect();
+            let window = Window { ts: 5.0, op: pv.clone(), pv, ..Window::default() };
+            PlantLoop { name: format!("FIC{name}"), window, ..PlantLoop::default() }
+        };
+        let found = analyse(&(0..6).map(one).collect::<Vec<PlantLoop>>());
+        let mut groups: Vec<(usize, Vec<usize>)> =
+            found.groups.iter().map(|group| (group.grid, group.members.clone())).collect();
+        groups.iter_mut().for_each(|group| group.1.sort_unstable());
+        groups.sort_unstable();
+        assert_eq!(groups, [(0, vec![3, 4, 5]), (1, vec![0, 1, 2])]);
     }
 
     #[test]

@@ -15,6 +15,10 @@
 //! | sticks | ln of the odds of friction by a diagnosis that says so, over its most; in the loop's own group alone | what limits the cycle is the valve |
 //! | upstream | share of the members that lie downstream by what the user said, less that upstream | streams carry it |
 //!
+//! Suspects are the members that can be judged: good samples over half of the time, and in manual for half of it at most. In manual
+//! a loop has no cycle of its own, and no order would come of it. So the probability is that of a source among those that are left;
+//! a load that enters where a loop is in manual is none of them.
+//!
 //! The weights are a conditional logit (McFadden 1974) fitted on simulated plants (`calibrate rank`, seeds of its own); the
 //! probability is what such plants say, so that two suspects who cannot be told apart share it.
 //!
@@ -22,6 +26,7 @@
 //! Control Syst. Technol. 2007, 15, 12 (direction by what comes first); Thornhill, J. Process Control 2005, 15, 403 (non-linearity
 //! is largest at the source).
 
+use super::cause::is_judged;
 use super::groups::Group;
 use super::signs::{PURE, whole};
 use super::spectra::{Spectra, delay, power};
@@ -52,13 +57,15 @@ pub const NAMES: [&str; SIGNS] = [
 const MOST: usize = 64;
 /// Longest lead (periods).
 const LONGEST: f64 = 1.0;
+/// Least lead that is told (periods): a smaller one is written as none.
+const TOLD: f64 = 0.005;
 
 /// A member of a group, as a suspect.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Suspect {
     /// Which loop.
     pub at: usize,
-    /// Probability that it is the source, given that a member is (0..1).
+    /// Probability that it is the source, given that a suspect is (0..1).
     pub probability: f64,
     /// The signs, as [`NAMES`] has them.
     pub signs: [f64; SIGNS],
@@ -66,7 +73,7 @@ pub struct Suspect {
     pub evidence: Vec<String>,
 }
 
-/// Ranks the members of a group, by the group that `found` has each loop in: `number` is its place among them.
+/// Ranks the members of a group that can be judged, by the group that `found` has each loop in: `number` is its place among them.
 pub fn rank(
     number: usize,
     group: &Group,
@@ -75,55 +82,60 @@ pub fn rank(
     spectra: &Spectra,
     transforms: &mut Transforms,
 ) -> Vec<Suspect> {
-    let members = &group.members[..group.members.len().min(MOST)];
-    let signs = signs(members, (number, group), plant, found, spectra, transforms);
+    let judged = group.members.iter().copied().filter(|at| is_judged(&found[*at]));
+    let members: Vec<usize> = judged.take(MOST).collect();
+    let signs = signs(&members, (number, group), plant, found, spectra, transforms);
     let scores: Vec<f64> =
         signs.iter().map(|x| x.iter().zip(&WEIGHTS).map(|(x, w)| x * w).sum::<f64>()).collect();
     let most = scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let sum: f64 = scores.iter().map(|s| (s - most).exp()).sum();
     let average: Vec<f64> =
         (0..SIGNS).map(|k| mean(&signs.iter().map(|x| x[k]).collect::<Vec<_>>())).collect();
-    let says = |at: usize| found[at].friction.as_ref().map_or("", |own| own.says.as_str());
     let mut suspects: Vec<Suspect> = (0..members.len())
         .map(|i| Suspect {
             at: members[i],
             probability: (scores[i] - most).exp() / sum,
             signs: signs[i],
-            evidence: evidence(&signs[i], &average, says(members[i])),
+            evidence: evidence(&signs[i], &average, members[i], found),
         })
         .collect();
     suspects.sort_by(|a, b| b.probability.total_cmp(&a.probability));
     suspects
 }
 
-/// The signs that speak for a member more than for the average one.
-fn evidence(signs: &[f64; SIGNS], average: &[f64], says: &str) -> Vec<String> {
+/// The signs that speak for a suspect more than for the average one, where what is said of them holds: more than the average is
+/// not always something.
+fn evidence(signs: &[f64; SIGNS], average: &[f64], at: usize, found: &[LoopFound]) -> Vec<String> {
     let mut for_it: Vec<(f64, usize)> =
         (0..SIGNS).map(|k| (WEIGHTS[k] * (signs[k] - average[k]), k)).filter(|e| e.0 > 0.1).collect();
     for_it.sort_by(|a, b| b.0.total_cmp(&a.0));
     let harmonics = |sign: f64| 100.0 * (sign.exp() - PURE).max(0.0);
-    let say = |k: usize| match k {
-        0 if signs[0] > -0.01 => "no other loop has as large a share of its PV in this swing".to_string(),
-        0 => format!(
-            "it swings {:.0} % as much as the loop with the largest share of its PV in this swing",
-            100.0 * signs[0].exp()
-        ),
-        1 => format!(
-            "PV's swing has more corners than the others': its harmonics have {:.1} % of its power",
-            harmonics(signs[1])
-        ),
-        2 => format!(
-            "OP's swing is nearer to a sine than the others': its harmonics have {:.1} % of its power",
-            harmonics(signs[2])
-        ),
-        3 => format!("PV stands still for {:.0} % of the time while OP moves", 100.0 * signs[3]),
-        4 if signs[4] <= 0.0 => "hardly any other loop swings before it".to_string(),
-        4 => format!("it swings {:.2} periods before the others", signs[4]),
-        5 => "it moves a valve of its own".to_string(),
-        6 => "more of the others lie downstream than upstream".to_string(),
-        _ => says.to_string(),
+    let is_master = || found.iter().any(|of| of.master == Some(at));
+    let say = |k: usize| {
+        Some(match k {
+            0 if signs[0] > -0.01 => "no other loop has as large a share of its PV in this swing".to_string(),
+            0 => format!(
+                "it swings {:.0} % as much as the loop with the largest share of its PV in this swing",
+                100.0 * signs[0].exp()
+            ),
+            1 => format!(
+                "PV's swing has more corners than the others': its harmonics have {:.1} % of its power",
+                harmonics(signs[1])
+            ),
+            2 => format!(
+                "OP's swing is nearer to a sine than the others': its harmonics have {:.1} % of its power",
+                harmonics(signs[2])
+            ),
+            3 => format!("PV stands still for {:.0} % of the time while OP moves", 100.0 * signs[3]),
+            4 if signs[4] < TOLD => return None,
+            4 => format!("it swings {:.2} periods before the others", signs[4]),
+            5 if is_master() => return None,
+            5 => "it sets no other loop's set point, and another member does".to_string(),
+            6 => "more of the others lie downstream than upstream".to_string(),
+            _ => found[at].friction.as_ref()?.says.clone(),
+        })
     };
-    for_it.into_iter().map(|(_, k)| say(k)).collect()
+    for_it.into_iter().filter_map(|(_, k)| say(k)).collect()
 }
 
 fn signs(
@@ -136,7 +148,7 @@ fn signs(
 ) -> Vec<[f64; SIGNS]> {
     let band = spectra.band(group.period_s);
     let share = |i: usize| spectra.share(i, &band).max(1e-9);
-    let most = members.iter().map(|i| share(*i)).fold(1e-9, f64::max);
+    let most = group.members.iter().map(|i| share(*i)).fold(1e-9, f64::max);
     let hz = 1.0 / (spectra.ts * spectra.m() as f64);
     let lead = |i: usize| {
         let (mut sum, mut weights) = (0.0, 0.0);
@@ -149,7 +161,7 @@ fn signs(
         }
         if weights > 0.0 { sum / weights } else { 0.0 }
     };
-    let downstream = downstream(members, found);
+    let downstream = downstream(members, &group.members, found);
     members
         .iter()
         .zip(downstream)
@@ -158,7 +170,7 @@ fn signs(
             let of = &own.window;
             let op = whole(&of.op, transforms);
             let pv = spectra.spectrum(i);
-            let is_master = members.iter().any(|j| found[*j].master == Some(i));
+            let is_master = group.members.iter().any(|j| found[*j].master == Some(i));
             // One valve has one limit cycle: it starts the loop's largest oscillation and no other.
             let sticks =
                 if found[i].group == Some(number) { found[i].signs[super::signs::STICKS] } else { 0.0 };
@@ -196,14 +208,15 @@ pub fn harmonics<T: Copy + Into<f64>>(bins: &[Complex<T>], m: usize, period: f64
     if own > 0.0 { (above(2.0, 0.5) + above(3.0, 0.5)) / own } else { 0.0 }
 }
 
-/// Share of the other members that lie downstream, less that upstream, by what the user said.
-fn downstream(members: &[usize], found: &[LoopFound]) -> Vec<f64> {
+/// Share of the other suspects that lie downstream, less that upstream, by what the user said. A stream goes `through` every
+/// member, whether it is a suspect or not.
+fn downstream(suspects: &[usize], through: &[usize], found: &[LoopFound]) -> Vec<f64> {
     let feeds = |a: usize, b: usize| found[b].upstream.contains(&found[a].name);
     let reached = |from: usize| {
         let mut reached = vec![from];
         let mut at = 0;
         while at < reached.len() {
-            for j in members {
+            for j in through {
                 if feeds(reached[at], *j) && !reached.contains(j) {
                     reached.push(*j);
                 }
@@ -212,17 +225,102 @@ fn downstream(members: &[usize], found: &[LoopFound]) -> Vec<f64> {
         }
         reached
     };
-    if members.iter().all(|i| found[*i].upstream.is_empty()) {
-        return vec![0.0; members.len()];
+    if through.iter().all(|i| found[*i].upstream.is_empty()) {
+        return vec![0.0; suspects.len()];
     }
-    let from: Vec<Vec<usize>> = members.iter().map(|i| reached(*i)).collect();
-    let others = (members.len() - 1).max(1) as f64;
-    members
+    let from: Vec<Vec<usize>> = suspects.iter().map(|i| reached(*i)).collect();
+    let others = suspects.len().saturating_sub(1).max(1) as f64;
+    suspects
         .iter()
         .enumerate()
         .map(|(k, i)| {
+            let down = suspects.iter().filter(|j| *j != i && from[k].contains(*j)).count();
             let up = from.iter().enumerate().filter(|(j, reached)| *j != k && reached.contains(i)).count();
-            ((from[k].len() - 1) as f64 - up as f64) / others
+            (down as f64 - up as f64) / others
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plantwide::{Cause, PlantLoop, analyse, tasks};
+    use crate::signal::{Row, Window};
+
+    /// Samples of a day at one minute.
+    const DAY: usize = 1440;
+
+    /// Loops that swing at 31 min alike, each with little noise of its own; the stream of the first enters all others.
+    fn alike(many: usize) -> Vec<PlantLoop> {
+        let one = |i: usize| {
+            let noise = |k: usize| 0.2 * ((k * k) as f64 * (0.37 + 0.05 * i as f64)).sin();
+            let pv: Vec<f64> = (0..DAY).map(|k| (0.2 * k as f64).sin() + noise(k)).collect();
+            let window = Window { ts: 60.0, op: pv.clone(), pv, ..Window::default() };
+            let upstream = if i == 0 { Vec::new() } else { vec!["FIC0".to_string()] };
+            PlantLoop { name: format!("FIC{i}"), window, upstream, ..PlantLoop::default() }
+        };
+        (0..many).map(one).collect()
+    }
+
+    #[test]
+    fn who_cannot_be_judged_is_no_suspect_and_the_others_have_an_order() {
+        let mut plant = alike(4);
+        let found = analyse(&plant);
+        let first = &found.groups[0].suspects[0];
+        assert!(first.at == 0 && first.probability >= 0.5, "upstream of all others: {first:?}");
+        let in_manual = PlantLoop { mode: Some(vec![0.0; DAY]), ..plant[0].clone() };
+        let mut with_gaps = plant[0].clone();
+        with_gaps.window.rows =
+            (0..DAY).map(|k| if 5 * k < 3 * DAY { Row::Missing } else { Row::Counts }).collect();
+        for source in [in_manual, with_gaps] {
+            plant[0] = source;
+            let found = analyse(&plant);
+            let group = &found.groups[0];
+            assert_eq!(group.members.len(), 4);
+            assert_eq!(group.suspects.len(), 3);
+            assert!(group.suspects.iter().all(|own| own.at != 0));
+            assert!((group.suspects.iter().map(|own| own.probability).sum::<f64>() - 1.0).abs() < 1e-9);
+            let first = group.suspects[0].at;
+            assert_eq!(tasks(&found).iter().map(|task| task.at).collect::<Vec<_>>(), [first]);
+            assert_eq!(found.loops[0].reason, None);
+            let told = |at: usize| found.loops[at].reason.as_ref().map(|own| own.cause);
+            assert!((1..4).filter(|at| *at != first).all(|at| told(at) == Some(Cause::Neighbour)));
+        }
+        // Where nobody can be judged nobody is suspected, and nobody has anything to do.
+        for of in &mut plant {
+            of.mode = Some(vec![0.0; DAY]);
+        }
+        let found = analyse(&plant);
+        assert_eq!((found.groups.len(), found.groups[0].suspects.len(), tasks(&found).len()), (1, 0, 0));
+    }
+
+    #[test]
+    fn a_stream_goes_through_a_loop_that_is_no_suspect() {
+        let of = |name: &str, upstream: &[&str]| LoopFound {
+            name: name.into(),
+            upstream: upstream.iter().map(|name| (*name).to_string()).collect(),
+            ..LoopFound::default()
+        };
+        let found = [of("A", &[]), of("B", &["A"]), of("C", &["B"])];
+        assert_eq!(downstream(&[0, 2], &[0, 1, 2], &found), [1.0, -1.0]);
+        assert_eq!(downstream(&[0, 1, 2], &[0, 1, 2], &found), [1.0, 0.0, -1.0]);
+        assert_eq!(downstream(&[], &[0, 1, 2], &found), [0.0; 0]);
+    }
+
+    #[test]
+    fn only_what_holds_is_said() {
+        let master = |of: Option<usize>| LoopFound { master: of, ..LoopFound::default() };
+        // The first is the master of a loop that is in another group; the second of none.
+        let found = [master(None), master(None), master(Some(0))];
+        let said = |sign: usize, own: f64, average: f64, at: usize| {
+            let (mut signs, mut all) = ([0.0; SIGNS], [0.0; SIGNS]);
+            (signs[sign], all[sign]) = (own, average);
+            evidence(&signs, &all, at, &found)
+        };
+        assert_eq!(said(5, 0.0, 0.2, 0), [""; 0], "it has no valve of its own");
+        assert_eq!(said(5, 0.0, 0.2, 1), ["it sets no other loop's set point, and another member does"]);
+        // It comes later than the others, and less so than they do on the average.
+        assert_eq!((said(4, -0.1, -0.3, 1), said(4, 0.001, -0.3, 1)), (vec![], vec![]));
+        assert_eq!(said(4, 0.2, 0.0, 1), ["it swings 0.20 periods before the others"]);
+    }
 }

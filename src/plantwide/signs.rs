@@ -18,10 +18,10 @@
 
 use super::rank::harmonics;
 use super::{LoopFound, PlantLoop};
-use crate::diagnosis::denoise::noise_sd;
 use crate::indicators::error::known_errors;
+use crate::indicators::noise::Spread;
 use crate::sysid::spectrum::{Spectrum, Transforms};
-use crate::sysid::stats::{mean, range, sd};
+use crate::sysid::stats::{mean, range};
 
 /// How many.
 pub const SIGNS: usize = 14;
@@ -58,11 +58,13 @@ pub fn signs(of: &PlantLoop, found: &LoopFound, transforms: &mut Transforms) -> 
     };
     let friction = of.friction.as_ref();
     let odds = |p: f64| (p / (1.0 - p).max(1e-9)).max(1.0).ln().min(SURE);
+    // Rows between samples have less noise than these, and none that is white.
+    let (pv, op) = of.raw.map_or_else(|| (Spread::of(&w.pv), Spread::of(&w.op)), |raw| (raw.pv, raw.op));
     [
         // A controller may be stopped long before the limits that somebody knows of.
         i.at_limits.unwrap_or(0.0).max(at_extremes(&w.op)),
         (i.kept.quantisation + FINE).ln(),
-        i.kept.noise_share * noise_share(&w.op),
+        i.kept.noise_share * noise_share(&op),
         of.raw.map_or_else(|| held(&w.pv), |raw| raw.held),
         swing.map_or(0.0, |own| own.share),
         swing.map_or(0.67, |own| own.steadiness),
@@ -72,8 +74,8 @@ pub fn signs(of: &PlantLoop, found: &LoopFound, transforms: &mut Transforms) -> 
         friction.filter(|own| own.sticks).map_or(0.0, |own| odds(own.probability)),
         f64::from(u8::from(friction.is_some_and(|own| !own.sticks))),
         i.harris.map_or(0.5, |own| own.index),
-        slow(&known_errors(&w.pv, w.sp.as_deref(), of.sp_known), transforms),
-        effort(&w.op, &w.pv),
+        slow(&known_errors(&w.pv, w.sp.as_deref(), of.sp_known.as_deref()), transforms),
+        effort(&op, &pv),
     ]
 }
 
@@ -84,9 +86,8 @@ pub fn whole(x: &[f64], transforms: &mut Transforms) -> Option<Spectrum> {
     (x.len() > 60 && x.iter().all(|x| x.is_finite())).then(|| transforms.spectrum(&x))
 }
 
-fn noise_share(x: &[f64]) -> f64 {
-    let spread = sd(x);
-    if spread > 0.0 { (noise_sd(x) / spread).powi(2).min(1.0) } else { 0.0 }
+fn noise_share(x: &Spread) -> f64 {
+    if x.sd > 0.0 { (x.finest / x.sd).powi(2).min(1.0) } else { 0.0 }
 }
 
 /// Share of the samples at the largest or the least value, whichever is a stop; 0 where neither is.
@@ -135,8 +136,8 @@ fn slow(e: &[f64], transforms: &mut Transforms) -> f64 {
     if all > 0.0 { power(&spectrum.bins[1..=first]) / all } else { 0.0 }
 }
 
-fn effort(op: &[f64], pv: &[f64]) -> f64 {
-    let over = |x: &[f64]| sd(x) / noise_sd(x).max(1e-3 * sd(x)).max(f64::MIN_POSITIVE);
+fn effort(op: &Spread, pv: &Spread) -> f64 {
+    let over = |x: &Spread| x.sd / x.finest.max(1e-3 * x.sd).max(f64::MIN_POSITIVE);
     (over(op).max(1e-3) / over(pv).max(1e-3)).ln()
 }
 

@@ -6,22 +6,34 @@
 //!
 //! X is the spectrum of PV without its trend. By Parseval S_ij is the mean product of the two band-passed signals, so that a
 //! period which wanders in both alike leaves them coherent, while two loops that swing by themselves lose each other. Neither a
-//! harmonic nor another sampling changes it: values are interpolated, which leaves an oscillation of four samples and more as it is.
+//! harmonic nor another sampling changes it: values are interpolated, which leaves an oscillation of four samples and more as it is,
+//! and what is too fast for the steps of a much faster loop's grid is taken out.
+//!
+//! A grid has at most 8,192 steps. Where the samples of most loops are nearer, periods of five steps and more are compared on it, of
+//! PV without what is faster, and shorter ones on a second grid: in the steps of the samples, over the latest time that so many of
+//! them cover.
 //!
 //! Source: Bendat & Piersol, Random Data, 2010, section 5.2 (coherence).
 
 use super::PlantLoop;
+use super::window::points::{Grid, THINNED, low_passed};
 use crate::signal::Window;
 use crate::sysid::spectrum::Transforms;
 use crate::sysid::stats::{mean, median};
 use nalgebra::Complex;
 use std::f64::consts::PI;
-use std::ops::RangeInclusive;
+use std::ops::{Range, RangeInclusive};
 
 /// Fewest samples.
 const LEAST: usize = 60;
 /// Most samples of the grid.
 const MOST: f64 = 8192.0;
+/// Steps of a grid coarser than the samples in the shortest period that is compared on it: what is too fast for it is taken out
+/// before, and from five steps on that leaves nine tenths of a wave.
+const FASTEST: f64 = 5.0;
+/// Samples of a loop a step up to which they are interpolated, on a grid in the steps of most loops: the rates of the groups and
+/// their sources are measured so (ratios of 2 and 4).
+const INTERPOLATED: f64 = 4.0;
 /// Half width of the band in which two loops are compared, as a factor.
 const NARROW: f64 = 1.15;
 /// Part of either end that is tapered.
@@ -74,6 +86,10 @@ pub struct Spectra {
     /// Where the grid begins and ends (s).
     from: f64,
     to: f64,
+    /// Median time between two samples of the loops that it is of (s).
+    sampling: f64,
+    /// Periods that are compared on it (s).
+    periods: Range<f64>,
     /// Length of the transforms; 0 where no loop can be used.
     m: usize,
     of: Vec<Option<Bins>>,
@@ -84,10 +100,34 @@ impl Spectra {
     pub fn new(spans: &[Span]) -> Self {
         let usable: Vec<&Span> = spans.iter().filter(|span| span.usable).collect();
         let of = |f: &dyn Fn(&Span) -> f64| median(&usable.iter().map(|span| f(span)).collect::<Vec<f64>>());
-        let (from, to) = (of(&|span| span.t0), of(&Span::end));
-        let ts = of(&|span| span.ts).max((to - from) / MOST);
+        let time = (of(&|span| span.t0), of(&Span::end));
+        Self::between(time, of(&|span| span.ts), 0.0..f64::INFINITY)
+    }
+
+    /// A grid over a time (s), in steps of `sampling` (s) and not too many of them.
+    fn between((from, to): (f64, f64), sampling: f64, periods: Range<f64>) -> Self {
+        let ts = sampling.max((to - from) / MOST);
         let n = if ts > 0.0 { ((to - from) / ts) as usize + 1 } else { 0 };
-        Self { ts, n, from, to, m: 0, of: Vec::with_capacity(spans.len()) }
+        Self { ts, n, from, to, sampling, periods, m: 0, of: Vec::new() }
+    }
+
+    /// Whether its steps are longer than the time between two samples.
+    fn is_coarse(&self) -> bool {
+        self.ts > THINNED * self.sampling
+    }
+
+    /// The grid for what is too fast for this one, which leaves it to that; none where this one has the steps of the samples.
+    fn refined(&mut self) -> Option<Self> {
+        self.is_coarse().then(|| {
+            let border = FASTEST * self.ts;
+            self.periods = border..f64::INFINITY;
+            Self::between((self.to - MOST * self.sampling, self.to), self.sampling, 0.0..border)
+        })
+    }
+
+    /// Whether a period (s) is compared on it.
+    pub fn compares(&self, period_s: f64) -> bool {
+        self.periods.contains(&period_s)
     }
 
     /// The time that every loop on the grid covers.
@@ -105,7 +145,7 @@ impl Spectra {
     /// Brings the next loop to the grid. Its window may have moved on since `span` was taken.
     pub fn add(&mut self, span: &Span, w: &Window, transforms: &mut Transforms) {
         let still = self.is_covered_by(span) && self.n > LEAST && Span::of(w).usable;
-        let x = if still { prepared(w, self.from, self.ts, self.n) } else { Vec::new() };
+        let x = if still { self.prepared(w) } else { Vec::new() };
         let bins = (!x.is_empty()).then(|| {
             let spectrum = transforms.spectrum(&x);
             self.m = spectrum.m;
@@ -116,10 +156,50 @@ impl Spectra {
         self.of.push(bins);
     }
 
-    /// The spectra of a few loops at once, over the shortest time that two of them have in common.
-    pub fn of(plant: &[PlantLoop]) -> Self {
+    /// PV on the grid, without its trend, in standard deviations, its ends tapered; empty where it does not move.
+    fn prepared(&self, w: &Window) -> Vec<f64> {
+        let mut x = self.on_grid(w);
+        let n = self.n;
+        let (middle, level) = (0.5 * (n - 1) as f64, mean(&x));
+        let square: f64 = (0..n).map(|k| (k as f64 - middle).powi(2)).sum();
+        let slope =
+            x.iter().enumerate().map(|(k, x)| (k as f64 - middle) * (x - level)).sum::<f64>() / square;
+        x.iter_mut().enumerate().for_each(|(k, x)| *x -= level + slope * (k as f64 - middle));
+        let spread = (x.iter().map(|x| x * x).sum::<f64>() / n as f64).sqrt();
+        if !(spread.is_finite() && spread > 1e-12 * level.abs().max(f64::MIN_POSITIVE)) {
+            return Vec::new();
+        }
+        let edge = ((TAPER * n as f64) as usize).max(1);
+        for (k, x) in x.iter_mut().enumerate() {
+            let near = k.min(n - 1 - k);
+            let weight =
+                if near < edge { 0.5 - 0.5 * (PI * (near as f64 + 0.5) / edge as f64).cos() } else { 1.0 };
+            *x *= weight / spread;
+        }
+        x
+    }
+
+    /// PV at the steps of the grid: interpolated, or without what is too fast for them.
+    fn on_grid(&self, w: &Window) -> Vec<f64> {
+        if self.ts > w.ts * if self.is_coarse() { THINNED } else { INTERPOLATED } {
+            let points = w.pv.iter().enumerate().map(|(k, x)| (w.t0 + k as f64 * w.ts, *x));
+            let grid = Grid { from: self.from, ts: self.ts, rows: 0..self.n };
+            return low_passed(&points.collect::<Vec<(f64, f64)>>(), &grid, w.ts);
+        }
+        let last = (w.pv.len() - 1) as f64;
+        let at = |k: usize| {
+            let x = ((self.from + k as f64 * self.ts - w.t0) / w.ts).clamp(0.0, last);
+            let (before, part) = (x as usize, x.fract());
+            w.pv[before] + part * (w.pv[(before + 1).min(w.pv.len() - 1)] - w.pv[before])
+        };
+        (0..self.n).map(at).collect()
+    }
+
+    /// The spectra of a few loops at once, over the shortest time that two of them have in common and in which a period (s) is
+    /// compared.
+    pub fn of(plant: &[PlantLoop], period_s: f64) -> Self {
         let spans: Vec<Span> = plant.iter().map(|of| Span::of(&of.window)).collect();
-        let shortest = grids(&spans).pop();
+        let shortest = grids(&spans).into_iter().rev().find(|grid| grid.compares(period_s));
         let (mut own, mut transforms) = (shortest.unwrap_or_else(|| Self::new(&spans)), Transforms::new());
         spans.iter().zip(plant).for_each(|(span, of)| own.add(span, &of.window, &mut transforms));
         own
@@ -174,14 +254,16 @@ pub fn grids(spans: &[Span]) -> Vec<Spectra> {
     while !left.is_empty() && grids.len() < MOST_GRIDS {
         let half = 0.5 * left.iter().map(Span::length).fold(0.0, f64::max);
         let class: Vec<Span> = left.iter().filter(|span| span.length() >= half).copied().collect();
-        let grid = Spectra::new(&class);
+        let mut grid = Spectra::new(&class);
         let before = left.len();
         left.retain(|span| !grid.is_covered_by(span));
         if left.len() == before {
             // Records of times that have nothing in common.
             left.retain(|span| span.length() < half);
         } else if spans.iter().filter(|span| grid.is_covered_by(span)).count() > 1 {
+            let fine = grid.refined();
             grids.push(grid);
+            grids.extend(fine);
         }
     }
     grids
@@ -229,33 +311,6 @@ pub fn delay(a: &[Complex<f32>], b: &[Complex<f32>], step_hz: f64) -> (f64, f64)
     (slope, error)
 }
 
-/// PV on the grid, without its trend, in standard deviations, its ends tapered; empty where it does not move.
-fn prepared(w: &Window, from: f64, ts: f64, n: usize) -> Vec<f64> {
-    let last = (w.pv.len() - 1) as f64;
-    let at = |k: usize| {
-        let x = ((from + k as f64 * ts - w.t0) / w.ts).clamp(0.0, last);
-        let (before, part) = (x as usize, x.fract());
-        w.pv[before] + part * (w.pv[(before + 1).min(w.pv.len() - 1)] - w.pv[before])
-    };
-    let mut x: Vec<f64> = (0..n).map(at).collect();
-    let (middle, level) = (0.5 * (n - 1) as f64, mean(&x));
-    let square: f64 = (0..n).map(|k| (k as f64 - middle).powi(2)).sum();
-    let slope = x.iter().enumerate().map(|(k, x)| (k as f64 - middle) * (x - level)).sum::<f64>() / square;
-    x.iter_mut().enumerate().for_each(|(k, x)| *x -= level + slope * (k as f64 - middle));
-    let spread = (x.iter().map(|x| x * x).sum::<f64>() / n as f64).sqrt();
-    if !(spread.is_finite() && spread > 1e-12 * level.abs().max(f64::MIN_POSITIVE)) {
-        return Vec::new();
-    }
-    let edge = ((TAPER * n as f64) as usize).max(1);
-    for (k, x) in x.iter_mut().enumerate() {
-        let near = k.min(n - 1 - k);
-        let weight =
-            if near < edge { 0.5 - 0.5 * (PI * (near as f64 + 0.5) / edge as f64).cos() } else { 1.0 };
-        *x *= weight / spread;
-    }
-    x
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -277,7 +332,7 @@ mod tests {
             (0..(86_400.0 / ts) as usize).map(|k| (TAU * phase(k as f64 * ts - late)).sin()).collect()
         };
         let plant = loops(&[wave(60.0, 0.0), wave(30.0, 90.0), wave(120.0, 0.0)], &[60.0, 30.0, 120.0]);
-        let spectra = Spectra::of(&plant);
+        let spectra = Spectra::of(&plant, 600.0);
         let band = spectra.band(600.0);
         let x: Vec<&[Complex<f32>]> = (0..3).filter_map(|i| spectra.inside(i, &band)).collect();
         assert!(coherence(x[0], x[1]).0 > 0.95 && coherence(x[0], x[2]).0 > 0.95);
@@ -311,9 +366,44 @@ mod tests {
     }
 
     #[test]
+    fn what_is_too_fast_for_a_grid_has_one_of_its_own_and_does_not_fold() {
+        // 20,000 samples at 5 s are 8,192 steps of 12.2 s, on which 18 s would fold to 38 s.
+        let both = |t: f64| (TAU * t / 18.0).sin() + 0.2 * (TAU * t / 2000.0).sin();
+        let wave: Vec<f64> = (0..20_000).map(|k| both(5.0 * f64::from(k))).collect();
+        let mut plant = loops(&[wave.clone(), wave], &[5.0, 5.0]);
+        let spans: Vec<Span> = plant.iter().map(|of| Span::of(&of.window)).collect();
+        let mut found = grids(&spans);
+        let mut transforms = Transforms::new();
+        for grid in &mut found {
+            spans.iter().zip(&plant).for_each(|(span, of)| grid.add(span, &of.window, &mut transforms));
+        }
+        let compared = |grid: &Spectra| [18.0, 60.0, 62.0, 2000.0].map(|period| grid.compares(period));
+        let [coarse, fine] = &found[..] else { panic!("{} grids", found.len()) };
+        assert_eq!(
+            (compared(coarse), compared(fine)),
+            ([false, false, true, true], [true, true, false, false])
+        );
+        assert!((coarse.ts - 12.2).abs() < 0.1 && (fine.ts - 5.0).abs() < 1e-9, "{} {}", coarse.ts, fine.ts);
+        for (grid, period) in [(coarse, 2000.0), (fine, 18.0)] {
+            let share = grid.share(0, &grid.band(period));
+            assert!(share > 0.9, "{period}: {share}");
+        }
+        assert_eq!(Spectra::of(&plant, 18.0).ts, fine.ts);
+        assert_eq!(Spectra::of(&plant, 2000.0).ts, coarse.ts);
+        // One loop that is much faster than the others: at 1 s, 18 s is a wave of 3.6 steps on their grid.
+        let fast: Vec<f64> = (0..5000).map(|k| both(f64::from(k))).collect();
+        let slow: Vec<f64> = (0..1000).map(|k| both(5.0 * f64::from(k))).collect();
+        plant = loops(&[fast, slow.clone(), slow.clone(), slow], &[1.0, 5.0, 5.0, 5.0]);
+        plant[0].window.pv.iter_mut().enumerate().for_each(|(k, x)| *x += (TAU * k as f64 / 5.05).sin());
+        let spectra = Spectra::of(&plant, 18.0);
+        // 5.05 s would fold to 505 s.
+        assert!(spectra.ts == 5.0 && spectra.share(0, &spectra.band(505.0)) < 0.01);
+    }
+
+    #[test]
     fn rubbish_is_in_no_spectrum() {
         let plant = loops(&[vec![], vec![1.0; 500], vec![f64::NAN; 500]], &[1.0, 1.0, 1.0]);
-        let spectra = Spectra::of(&plant);
+        let spectra = Spectra::of(&plant, 10.0);
         assert!((0..3).all(|i| spectra.inside(i, &spectra.band(10.0)).is_none()));
     }
 }

@@ -1,5 +1,6 @@
 //! What to do, source before victims: one task for each loop that has a cause of its own.
 
+use super::cause::STANDS_OUT;
 use super::{Analysis, Cause};
 
 /// One thing to do, and whose trouble it may end.
@@ -9,63 +10,73 @@ pub struct Task {
     pub at: usize,
     /// Why it is not at rest.
     pub cause: Cause,
-    /// Probability of the cause (0..1).
-    pub probability: f64,
+    /// Probability of the cause (0..1); none of `unknown`: there is nothing to be sure of.
+    pub probability: Option<f64>,
+    /// Loops that are calmer when it is done, in the mean: the sum, over the loop and those of which it is the likeliest source, of
+    /// the probability that it is the source.
+    pub worth: f64,
     /// One sentence.
     pub why: String,
-    /// Loops that may calm down with it.
+    /// Loops that are expected to calm down with it: those of which it is the source with [`STANDS_OUT`] or more.
     pub victims: Vec<usize>,
 }
 
-impl Task {
-    /// How sure it is, for people; of an unknown cause there is nothing to be sure of.
-    pub fn sure(&self) -> Option<f64> {
-        (self.cause != Cause::Unknown).then_some(self.probability)
-    }
-
-    /// Loops that are expected to be calmer when it is done, in the mean: what tasks are sorted by.
-    pub fn worth(&self) -> f64 {
-        self.probability * (1 + self.victims.len()) as f64
-    }
-}
-
-/// The tasks of a plant, those of the greatest [`Task::worth`] first.
+/// The tasks of a plant, those of the greatest worth first; of equals the one whose cause is surest.
 pub fn tasks(found: &Analysis) -> Vec<Task> {
     let mut tasks: Vec<Task> = Vec::new();
-    for ((at, of), victims) in found.loops.iter().enumerate().zip(victims(found)) {
+    for ((at, of), follow) in found.loops.iter().enumerate().zip(followers(found)) {
+        let others: f64 = follow.iter().map(|own| own.1).sum();
+        let stands_out = |own: &&(usize, f64)| own.1 >= STANDS_OUT;
+        let victims: Vec<usize> = follow.iter().filter(stands_out).map(|own| own.0).collect();
         match &of.reason {
             Some(reason) if reason.cause != Cause::Neighbour => {
                 let (cause, probability, why) = (reason.cause, reason.probability, reason.why.clone());
-                tasks.push(Task { at, cause, probability, why, victims });
+                tasks.push(Task { at, cause, probability, worth: reason.source + others, why, victims });
             }
-            // The likeliest source of a group that has no cause of its own, in manual or with its largest swing in another
-            // group, is a task all the same.
-            _ if !victims.is_empty() => {
-                let swing = match victims.len() {
-                    1 => "1 loop that swings".to_string(),
-                    many => format!("{many} loops that swing"),
-                };
-                let why = format!(
-                    "it is the likeliest source of {swing} with it; why it swings itself is not known"
-                );
-                tasks.push(Task { at, cause: Cause::Unknown, probability: 0.5, why, victims });
+            // The likeliest source of a group may have its own largest swing in another one, as a neighbour there.
+            reason if !follow.is_empty() => {
+                let first = reason.as_ref().and_then(|reason| reason.neighbour);
+                let why = second(follow.len(), first.map(|first| found.loops[first].name.as_str()));
+                tasks.push(Task {
+                    at,
+                    cause: Cause::Unknown,
+                    probability: None,
+                    worth: others,
+                    why,
+                    victims,
+                });
             }
             _ => {}
         }
     }
-    tasks.sort_by(|a, b| b.worth().total_cmp(&a.worth()));
+    let sure = |task: &Task| task.probability.unwrap_or(-1.0);
+    tasks.sort_by(|a, b| b.worth.total_cmp(&a.worth).then(sure(b).total_cmp(&sure(a))));
     tasks
 }
 
-/// Of each loop those that may calm down with it.
-fn victims(found: &Analysis) -> Vec<Vec<usize>> {
-    let mut victims = vec![Vec::new(); found.loops.len()];
+/// What is said of the likeliest source of so many loops whose own largest swing is another one, with its likeliest source.
+fn second(many: usize, first: Option<&str>) -> String {
+    let swing = match many {
+        1 => "1 loop that swings".to_string(),
+        many => format!("{many} loops that swing"),
+    };
+    let own = first.map_or_else(
+        || "why it swings itself is not known".to_string(),
+        |first| format!("its own largest swing is another one, of which {first} is the likeliest source"),
+    );
+    format!("it is the likeliest source of {swing} with it; {own}")
+}
+
+/// Of each loop those of which it is the likeliest source, with the probability that it is.
+fn followers(found: &Analysis) -> Vec<Vec<(usize, f64)>> {
+    let mut followers = vec![Vec::new(); found.loops.len()];
     for (at, of) in found.loops.iter().enumerate() {
-        if let Some(neighbour) = of.reason.as_ref().and_then(|reason| reason.neighbour) {
-            victims[neighbour].push(at);
+        let Some(reason) = &of.reason else { continue };
+        if let Some(neighbour) = reason.neighbour {
+            followers[neighbour].push((at, reason.source));
         }
     }
-    victims
+    followers
 }
 
 #[cfg(test)]
@@ -73,33 +84,72 @@ mod tests {
     use super::*;
     use crate::plantwide::{LoopFound, Reason};
 
+    /// A loop with a cause of its own, or with a neighbour, and how likely that or the loop itself is the source.
+    fn of(cause: Cause, probability: Option<f64>, source: f64, neighbour: Option<usize>) -> LoopFound {
+        let reason = Some(Reason { cause, probability, source, why: String::new(), neighbour });
+        LoopFound { reason, ..LoopFound::default() }
+    }
+
+    fn of_plant(loops: Vec<LoopFound>) -> Vec<Task> {
+        tasks(&Analysis { loops, groups: Vec::new() })
+    }
+
     #[test]
     fn a_source_has_its_victims_and_they_have_no_task() {
-        let of = |cause, neighbour| LoopFound {
-            reason: Some(Reason { cause, probability: 0.8, why: String::new(), neighbour }),
-            ..LoopFound::default()
-        };
-        let loops = vec![
-            of(Cause::Neighbour, Some(2)),
+        let victim = |source| of(Cause::Neighbour, Some(0.9), source, Some(2));
+        let found = of_plant(vec![
+            victim(0.8),
             LoopFound::default(),
-            of(Cause::Valve, None),
-            of(Cause::Neighbour, Some(2)),
-        ];
-        let found = tasks(&Analysis { loops, groups: Vec::new() });
+            of(Cause::Valve, Some(0.7), 0.8, None),
+            victim(0.8),
+        ]);
         assert_eq!(found.len(), 1);
         assert_eq!((found[0].at, found[0].victims.as_slice()), (2, &[0, 3][..]));
-        // One in manual has no cause of its own.
-        let victim = || of(Cause::Neighbour, Some(0));
-        for (loops, source) in [
-            (vec![LoopFound::default(), victim()], "the likeliest source of 1 loop that swings with it"),
-            (
-                vec![LoopFound::default(), victim(), victim()],
-                "the likeliest source of 2 loops that swing with it",
-            ),
-        ] {
-            let found = tasks(&Analysis { loops, groups: Vec::new() });
-            let why = format!("it is {source}; why it swings itself is not known");
-            assert_eq!(found.iter().map(|own| (own.at, own.why.as_str())).collect::<Vec<_>>(), [(0, &*why)]);
+        // The loop and two others, by how likely it is the source and not by how sure its cause is.
+        assert!((found[0].worth - 2.4).abs() < 1e-12, "{}", found[0].worth);
+    }
+
+    #[test]
+    fn nobody_is_expected_to_calm_down_with_a_source_that_does_not_stand_out() {
+        let with = |source| {
+            let victim = of(Cause::Neighbour, Some(1.0 - source), source, Some(0));
+            let found = of_plant(vec![of(Cause::Unknown, None, source, None), victim]);
+            assert_eq!(found.len(), 1);
+            assert!((found[0].worth - 2.0 * source).abs() < 1e-12);
+            found[0].victims.clone()
+        };
+        assert_eq!((with(0.2), with(0.49), with(0.5)), (vec![], vec![], vec![1]));
+    }
+
+    #[test]
+    fn a_source_whose_own_largest_swing_is_another_one_is_a_task_all_the_same() {
+        // The first swings most with the second, and is the likeliest source of others.
+        let named = |name: &str, own: LoopFound| LoopFound { name: name.into(), ..own };
+        let plant = |victims: usize| {
+            let mut loops = vec![
+                named("A", of(Cause::Neighbour, Some(0.9), 0.9, Some(1))),
+                named("B", of(Cause::Valve, Some(0.8), 0.9, None)),
+            ];
+            loops.extend((0..victims).map(|_| of(Cause::Neighbour, Some(0.7), 0.6, Some(0))));
+            of_plant(loops)
+        };
+        for (victims, swing) in [(1, "1 loop that swings"), (2, "2 loops that swing")] {
+            let found = plant(victims);
+            let own = found.iter().find(|task| task.at == 0).expect("a task");
+            let why = format!(
+                "it is the likeliest source of {swing} with it; its own largest swing is another one, of which B is the likeliest source"
+            );
+            assert_eq!((own.why.as_str(), own.probability, own.victims.len()), (why.as_str(), None, victims));
         }
+    }
+
+    #[test]
+    fn an_unknown_cause_is_not_before_a_known_one_of_the_same_worth() {
+        let found = of_plant(vec![
+            of(Cause::Unknown, None, 1.0, None),
+            of(Cause::Valve, Some(0.6), 1.0, None),
+            of(Cause::Tuning, Some(0.9), 1.0, None),
+        ]);
+        assert_eq!(found.iter().map(|task| task.at).collect::<Vec<_>>(), [2, 1, 0]);
     }
 }

@@ -37,11 +37,13 @@ pub struct WorkList {
 }
 
 impl WorkList {
-    /// Takes what an analysis said of the loops that it looked at. What it could not look at stays as it is.
+    /// Takes what an analysis said of the loops that it looked at. What it could not look at stays as it is, but nothing is
+    /// expected to calm down with it any more: that is said of how the plant swings now.
     ///
     /// Returns the orders that are to be kept, with what happened to their states.
     pub fn take(&mut self, said: &[Said], now: f64, config: &Config) -> Vec<(Order, Option<Move>)> {
-        let mut changed = Vec::new();
+        let looked_at: BTreeSet<&LoopId> = said.iter().map(|own| &own.id).collect();
+        let mut changed = self.forget_victims(|id| !looked_at.contains(id));
         for own in said {
             let order = match (self.orders.get_mut(&own.id), &own.seen) {
                 (Some(order), _) => order,
@@ -56,6 +58,16 @@ impl WorkList {
         self.orders.retain(|_, order| !order.is_forgotten(now));
         self.bound();
         changed
+    }
+
+    /// Nothing is expected any more to calm down with these loops; the orders that are to be kept, none of which has moved.
+    pub fn forget_victims(&mut self, of: impl Fn(&LoopId) -> bool) -> Vec<(Order, Option<Move>)> {
+        let own = self.orders.values_mut().filter(|order| !order.victims.is_empty() && of(&order.id));
+        own.map(|order| {
+            order.victims.clear();
+            (order.clone(), None)
+        })
+        .collect()
     }
 
     /// Somebody acts on the order of a loop; `None` where there is none.
@@ -92,14 +104,12 @@ impl WorkList {
         self.orders.get(id)
     }
 
-    /// Of each loop that is expected to calm down with one whose order stands, that one.
+    /// Of each loop that is expected, by the latest look, to calm down with one whose order stands, that one.
     pub fn sources(&self) -> HashMap<LoopId, LoopId> {
         let standing =
             self.orders.values().filter(|order| matches!(order.state, State::Open | State::Ordered));
-        let pairs = standing.flat_map(|order| {
-            let victims = order.seen.iter().flat_map(|seen| &seen.victims);
-            victims.map(|victim| (victim.clone(), order.id.clone()))
-        });
+        let pairs =
+            standing.flat_map(|order| order.victims.iter().map(|victim| (victim.clone(), order.id.clone())));
         pairs.collect()
     }
 

@@ -14,6 +14,8 @@
 //! Somebody may say that a watched or open order is not wanted (`dismissed`), and open one again that is over.
 //! "Seen for `persist_s`" means in at least [`MOSTLY`] of the looks of the last `persist_s`; "not seen" in at most [`HARDLY`].
 //!
+//! Which loops are expected to calm down with it is said of how the plant swings now: by the latest look alone.
+//!
 //! A window reaches back for hours or days. So a repair is judged only by looks whose windows begin after it: where they are long,
 //! that takes as long as they are, and half of `persist_s` more. An earlier look would see the swing that the repair has ended.
 
@@ -30,7 +32,7 @@ pub const HARDLY: f64 = 0.2;
 const THERE: f64 = 0.5;
 /// Looks that are remembered of an order.
 const LOOKS: usize = 240;
-/// An order that is over is forgotten after this (s): a quarter of a year.
+/// An order that is over is forgotten when its loop was not suspected for so long (s): a quarter of a year.
 const FORGOTTEN_S: f64 = 7_776_000.0;
 
 /// Where an order stands.
@@ -116,8 +118,10 @@ pub struct Refusal(pub &'static str, pub &'static str);
 pub struct Seen {
     /// Why it is not at rest.
     pub cause: Cause,
-    /// Probability of the cause (0..1).
-    pub probability: f64,
+    /// Probability of the cause (0..1); none of an unknown one.
+    pub probability: Option<f64>,
+    /// Loops that are expected to be calmer with it, in the mean.
+    pub worth: f64,
     /// One sentence.
     pub why: String,
     /// Loops that are expected to calm down with it.
@@ -142,8 +146,10 @@ pub struct Look {
     pub at: f64,
     /// Since when there were samples in it (s); minus infinity where that was not kept.
     pub from: f64,
-    /// The cause that was suspected and its probability; none where nothing was.
-    pub cause: Option<(Cause, f64)>,
+    /// The cause that was suspected and its probability, where it has one; none where nothing was.
+    pub cause: Option<(Cause, Option<f64>)>,
+    /// Loops that were expected to be calmer with it, in the mean; 0 where nothing was suspected.
+    pub worth: f64,
     /// How the loop was.
     pub measure: Measure,
 }
@@ -174,8 +180,12 @@ pub struct Order {
     pub since: f64,
     /// When the loop was first suspected (s).
     pub first: f64,
-    /// What was said of it last.
-    pub seen: Option<Seen>,
+    /// When it was last suspected (s).
+    pub suspected: f64,
+    /// What was said last of the cause that is shown: that cause and a sentence.
+    pub why: Option<(Cause, String)>,
+    /// Loops that are expected to calm down with it, by the latest look; none where that suspected nothing or could not judge it.
+    pub victims: Vec<LoopId>,
     /// The latest looks, oldest first.
     pub looks: VecDeque<Look>,
     /// How the loop was before it was repaired, in the mean of the looks that suspected it, and when somebody said that it was
@@ -199,7 +209,9 @@ impl Order {
             state: State::Watched,
             since: now,
             first: now,
-            seen: None,
+            suspected: now,
+            why: None,
+            victims: Vec::new(),
             looks: VecDeque::new(),
             before: None,
             after: None,
@@ -209,22 +221,35 @@ impl Order {
         }
     }
 
-    /// The cause that was suspected most often and its mean probability (0..1), over the looks that are remembered.
-    pub fn cause(&self) -> Option<(Cause, f64)> {
-        let of = |cause: Cause| {
-            let own = self.looks.iter().filter_map(|look| look.cause).filter(|own| own.0 == cause);
-            own.fold((0, 0.0), |(n, sum), own| (n + 1, sum + own.1))
-        };
-        let most = Cause::ALL.into_iter().max_by_key(|cause| of(*cause).0)?;
-        let (n, sum) = of(most);
-        (n > 0).then(|| (most, sum / f64::from(n)))
+    /// The cause that was suspected most often and the mean of its probability (0..1; none of an unknown one), over the looks that
+    /// are remembered. Of causes that were suspected as often a known one, and of those the one that was suspected last.
+    pub fn cause(&self) -> Option<(Cause, Option<f64>)> {
+        let mut tallies = Cause::ALL.map(|cause| Tally { cause, ..Tally::NONE });
+        for (at, (cause, probability)) in self.looks.iter().filter_map(|look| look.cause).enumerate() {
+            let Some(own) = tallies.iter_mut().find(|own| own.cause == cause) else { continue };
+            (own.looks, own.last) = (own.looks + 1, at);
+            if let Some(p) = probability {
+                (own.known, own.sum) = (own.known + 1, own.sum + p);
+            }
+        }
+        let suspected = tallies.into_iter().filter(|own| own.looks > 0);
+        let most = suspected.max_by_key(|own| (own.looks, own.cause != Cause::Unknown, own.last))?;
+        Some((most.cause, (most.known > 0).then(|| most.sum / f64::from(most.known))))
     }
 
-    /// Whether it is over for so long that nobody asks.
+    /// Loops that are expected to be calmer with it, in the mean over the looks that are remembered and suspected it.
+    pub fn worth(&self) -> f64 {
+        let own = self.looks.iter().filter(|look| look.cause.is_some());
+        let (count, sum) = own.fold((0_u32, 0.0), |(count, sum), look| (count + 1, sum + look.worth));
+        if count > 0 { sum / f64::from(count) } else { 0.0 }
+    }
+
+    /// Whether it is over, and its loop at rest, for so long that nobody asks. Somebody who does not want it has said so of this
+    /// suspicion: for as long as that lasts it does not begin anew.
     pub fn is_forgotten(&self, now: f64) -> bool {
         match self.state {
             State::Watched => self.looks.iter().rev().take(3).all(|look| look.cause.is_none()),
-            state => state.is_over() && now - self.since > FORGOTTEN_S,
+            state => state.is_over() && now - self.since.max(self.suspected) > FORGOTTEN_S,
         }
     }
 
@@ -248,16 +273,19 @@ impl Order {
             (self.first, self.since) = (self.first.min(now), self.since.min(now));
         }
         let cause = seen.map(|seen| (seen.cause, seen.probability));
-        self.looks.push_back(Look { at: now, from, cause, measure });
+        let worth = seen.map_or(0.0, |seen| seen.worth);
+        self.looks.push_back(Look { at: now, from, cause, worth, measure });
         if self.looks.len() > LOOKS {
             self.looks.pop_front();
         }
+        self.suspected = if seen.is_some() { now } else { self.suspected.min(now) };
+        self.victims = seen.map(|seen| seen.victims.clone()).unwrap_or_default();
         // The sentence is that of the cause which is shown.
         let shown = self.cause().map(|(cause, _)| cause);
         if let Some(seen) = seen
-            && (shown == Some(seen.cause) || self.seen.as_ref().map(|own| own.cause) != shown)
+            && (shown == Some(seen.cause) || self.why.as_ref().map(|own| own.0) != shown)
         {
-            self.seen = Some(seen.clone());
+            self.why = Some((seen.cause, seen.why.clone()));
         }
         self.moved(now, config)
     }
@@ -350,4 +378,20 @@ impl Order {
         self.since = now;
         Move { from, to, at: now, by, note }
     }
+}
+
+/// How often a cause was suspected.
+#[derive(Clone, Copy)]
+struct Tally {
+    cause: Cause,
+    looks: u32,
+    /// The last of the looks that suspected anything which suspected it.
+    last: usize,
+    /// Looks in which it had a probability, and the sum of those.
+    known: u32,
+    sum: f64,
+}
+
+impl Tally {
+    const NONE: Self = Self { cause: Cause::Unknown, looks: 0, last: 0, known: 0, sum: 0.0 };
 }

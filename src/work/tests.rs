@@ -11,7 +11,8 @@ fn config() -> Config {
 fn seen() -> Seen {
     Seen {
         cause: Cause::Valve,
-        probability: 0.9,
+        probability: Some(0.9),
+        worth: 1.8,
         why: "it sticks".into(),
         victims: vec![LoopId::new("LIC1")],
     }
@@ -54,6 +55,73 @@ fn a_suspicion_that_lasts_is_ordered_repaired_and_verified() {
     // It is forgotten after a quarter of a year.
     list.take(&said(2300.0 * HOUR, false, 0.5), 2300.0 * HOUR, &config());
     assert_eq!(list.orders().count(), 0);
+}
+
+/// Who is expected to calm down with whom.
+fn sources(list: &WorkList) -> Vec<(String, String)> {
+    let mut all: Vec<_> =
+        list.sources().into_iter().map(|(victim, source)| (victim.to_string(), source.to_string())).collect();
+    all.sort();
+    all
+}
+
+#[test]
+fn nothing_is_expected_to_calm_down_with_what_is_not_suspected_any_more() {
+    let victim = vec![("LIC1".to_string(), "FIC1".to_string())];
+    let (mut list, id) = (WorkList::default(), LoopId::new("FIC1"));
+    look(&mut list, 0..20, true, 2.0);
+    assert_eq!(sources(&list), victim);
+    // The order stays open until hardly any look suspects it; that its victims calm down with it is over at once.
+    look(&mut list, 20..21, false, 0.5);
+    assert_eq!((list.get(&id).map(|order| order.state), sources(&list)), (Some(State::Open), vec![]));
+    look(&mut list, 21..40, true, 2.0);
+    list.act(&id, Act::Order, None, None, 40.0 * HOUR).expect("there is one").expect("open");
+    assert_eq!(sources(&list), victim);
+    // Nor what is not looked at, as a loop in manual: the order is to be kept without them, once.
+    let changed = list.take(&[], 41.0 * HOUR, &config());
+    let kept: Vec<_> = changed.iter().map(|(order, moved)| (order.victims.len(), moved.is_none())).collect();
+    assert_eq!((kept, sources(&list)), (vec![(0, true)], vec![]));
+    assert!(list.take(&[], 42.0 * HOUR, &config()).is_empty());
+    assert_eq!(list.get(&id).map(|order| order.state), Some(State::Ordered));
+    look(&mut list, 43..44, true, 2.0);
+    assert_eq!(sources(&list), victim, "it is suspected again");
+}
+
+#[test]
+fn a_loop_is_expected_to_calm_down_with_one_source() {
+    let mut list = WorkList::default();
+    let look = |list: &mut WorkList, hours: std::ops::Range<u32>, victim_of: usize| {
+        for now in hours.map(|hour| HOUR * f64::from(hour)) {
+            let of = |(at, name): (usize, &str)| {
+                let victims = if at == victim_of { vec![LoopId::new("LIC1")] } else { Vec::new() };
+                let own = said(now, true, 2.0).remove(0);
+                Said { id: LoopId::new(name), seen: Some(Seen { victims, ..seen() }), ..own }
+            };
+            let own: Vec<Said> = ["FIC1", "FIC2"].into_iter().enumerate().map(of).collect();
+            list.take(&own, now, &config());
+        }
+    };
+    look(&mut list, 0..20, 1);
+    assert_eq!(sources(&list), [("LIC1".to_string(), "FIC2".to_string())]);
+    // Another look finds another source: the first is not one beside it.
+    look(&mut list, 20..21, 0);
+    assert_eq!(sources(&list), [("LIC1".to_string(), "FIC1".to_string())]);
+    assert_eq!(list.orders().map(|order| order.victims.len()).sum::<usize>(), 1);
+}
+
+#[test]
+fn what_is_not_wanted_is_not_forgotten_while_it_is_suspected() {
+    let (mut list, id, day) = (WorkList::default(), LoopId::new("FIC1"), 24);
+    look(&mut list, 0..20, true, 2.0);
+    list.act(&id, Act::Dismiss, Some("Ann".into()), None, 20.0 * HOUR).expect("there is one").expect("open");
+    let state = |list: &WorkList| list.get(&id).map(|order| order.state);
+    assert_eq!(look(&mut list, 21..120 * day, true, 2.0), []);
+    assert_eq!(state(&list), Some(State::Dismissed));
+    // A quarter of a year after it was suspected last, and not after somebody said so.
+    assert_eq!(look(&mut list, 120 * day..210 * day - 1, false, 0.5), []);
+    assert_eq!(state(&list), Some(State::Dismissed));
+    look(&mut list, 210 * day - 1..210 * day + 1, false, 0.5);
+    assert_eq!(state(&list), None);
 }
 
 #[test]
@@ -134,14 +202,35 @@ fn the_cause_is_the_most_frequent_one() {
     for (at, cause, probability) in
         [(1.0, Cause::Valve, 0.8), (2.0, Cause::Load, 0.9), (3.0, Cause::Valve, 0.6)]
     {
-        let seen = Seen { cause, probability, ..seen() };
+        let seen = Seen { cause, probability: Some(probability), worth: at, ..seen() };
         order.take(Some(&seen), Measure::default(), 0.0, at * HOUR, &config());
     }
     let (cause, probability) = order.cause().expect("seen");
-    assert!(cause == Cause::Valve && (probability - 0.7).abs() < 1e-12);
+    assert!(cause == Cause::Valve && probability.is_some_and(|p| (p - 0.7).abs() < 1e-12));
+    assert!((order.worth() - 2.0).abs() < 1e-12);
     let load = Seen { cause: Cause::Load, why: "a load".into(), ..seen() };
     order.take(Some(&load), Measure::default(), 0.0, 4.0 * HOUR, &config());
-    assert_eq!(order.seen.as_ref().map(|own| own.cause), order.cause().map(|own| own.0));
+    assert_eq!(order.why, Some((Cause::Load, "a load".to_string())));
+    assert_eq!(order.why.as_ref().map(|own| own.0), order.cause().map(|own| own.0));
+}
+
+#[test]
+fn of_causes_that_are_as_frequent_a_known_one_is_shown_and_of_those_the_latest() {
+    let after = |causes: &[Cause]| {
+        let mut order = Order::new(LoopId::new("FIC1"), 0.0);
+        for (at, cause) in (1..).zip(causes) {
+            let probability = (*cause != Cause::Unknown).then_some(0.9);
+            let seen = Seen { cause: *cause, probability, ..seen() };
+            order.take(Some(&seen), Measure::default(), 0.0, f64::from(at) * HOUR, &config());
+        }
+        order.cause().expect("seen")
+    };
+    let (valve, tuning, unknown) = (Cause::Valve, Cause::Tuning, Cause::Unknown);
+    assert_eq!(after(&[valve, unknown]), (valve, Some(0.9)));
+    assert_eq!(after(&[unknown, valve]), (valve, Some(0.9)));
+    assert_eq!((after(&[valve, tuning]).0, after(&[tuning, valve]).0), (tuning, valve));
+    // Of a cause that is not known there is nothing to be sure of.
+    assert_eq!(after(&[unknown, unknown, valve]), (unknown, None));
 }
 
 proptest! {

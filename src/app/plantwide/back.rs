@@ -1,7 +1,8 @@
 //! What the store gives back: at the start, for loops that are configured again, and once a store works that could not be read
 //! at the start. What was made meanwhile without it is joined with it, and takes the place of nothing.
 
-use super::super::persistence::Days;
+use super::health::{FRESH, kept_fresh_s};
+use super::rows::KeptPlant;
 use super::{Plantwide, lock, rows};
 use crate::signal::LoopId;
 use crate::work::{Order, State, WorkList};
@@ -11,32 +12,54 @@ use std::collections::{BTreeSet, VecDeque};
 const LOOKS: usize = 240;
 
 impl Plantwide {
-    /// Takes back orders and days of the loops that are watched. What is joined is kept anew: a row that waits to be written
-    /// was made without it.
-    pub(super) fn take_back(&self, orders: Vec<Order>, days: Vec<Days>) {
-        let ids: BTreeSet<LoopId> = lock(&self.watched).loops.iter().map(|own| own.id.clone()).collect();
+    /// Takes back orders, days and the latest measures of the loops that are watched. What is joined is kept anew: a row that
+    /// waits to be written was made without it.
+    pub(super) fn take_back(&self, kept: KeptPlant) {
+        let watched = lock(&self.watched).clone();
+        let ids: BTreeSet<LoopId> = watched.loops.iter().map(|own| own.id.clone()).collect();
         let now = self.clock.now();
+        // A look of long ago, or the last one, does not say how the plant swings now.
+        let (is_enabled, period_s) = (watched.config.enabled, watched.config.period_s);
+        let is_within = |at: f64, age_s: f64| is_enabled && at >= now - age_s;
+        // An order is kept at every look.
+        let is_fresh = |at: f64| is_within(at, FRESH * period_s);
         let wanted = |order: &Order| ids.contains(&order.id) && !order.is_forgotten(now);
         let mut list = lock(&self.list);
-        let orders = orders.into_iter().filter(wanted).collect();
-        for order in put_back(&mut list, orders) {
+        let orders = kept.orders.into_iter().filter(wanted).collect();
+        for order in put_back(&mut list, orders, is_fresh) {
             self.persistence.note_rows(rows::order_rows(&order, None));
         }
         self.results.swing(list.sources());
         drop(list);
         let mut health = lock(&self.health);
-        for (id, days) in days.into_iter().filter(|(id, _)| ids.contains(id)) {
+        for (id, days) in kept.days.into_iter().filter(|(id, _)| ids.contains(id)) {
             if let Some(all) = health.restore(&id, &days) {
                 self.persistence.note_rows(vec![rows::health_row(&id, &all)]);
+            }
+        }
+        let mut measures = lock(&self.measures);
+        for own in kept.todays.into_iter().filter(|own| ids.contains(&own.id)) {
+            if is_within(own.part.until, kept_fresh_s(period_s)) {
+                measures.entry(own.id.clone()).or_insert(own.measure);
+            }
+            if let Some(part) = health.restore_part(&own.id, own.part) {
+                let measure = measures.get(&own.id).copied().unwrap_or_default();
+                self.persistence.note_rows(vec![rows::today_row(&own.id, &part, &measure)]);
             }
         }
     }
 }
 
 /// Puts orders back as they were kept; of a loop that has one which was made without it the two are joined. Those that were.
-fn put_back(list: &mut WorkList, orders: Vec<Order>) -> Vec<Order> {
+///
+/// What is expected to calm down with an order comes back where its latest look `is_fresh`, and none was made since the start.
+fn put_back(list: &mut WorkList, orders: Vec<Order>, is_fresh: impl Fn(f64) -> bool) -> Vec<Order> {
     let (mut back, mut both) = (Vec::new(), Vec::new());
-    for kept in orders {
+    let none_since = list.orders().next().is_none();
+    for mut kept in orders {
+        if !(none_since && kept.looks.back().is_some_and(|look| is_fresh(look.at))) {
+            kept.victims.clear();
+        }
         match list.get(&kept.id) {
             None => back.push(kept),
             Some(own) if own.first > kept.first => both.push(joined(kept, own.clone())),
@@ -62,8 +85,9 @@ fn joined(kept: Order, own: Order) -> Order {
         own.by.is_some() || matches!(own.state, State::Ordered | State::Repaired | State::Dismissed);
     let before = own.before.or(kept.before);
     let (first, reopened) = (kept.first, kept.reopened + own.reopened);
-    let whole = if by_people { own } else { Order { seen: own.seen.or(kept.seen), ..kept } };
-    Order { first, looks, before, reopened, ..whole }
+    let (suspected, victims) = (own.suspected.max(kept.suspected), own.victims.clone());
+    let whole = if by_people { own } else { Order { why: own.why.or(kept.why), ..kept } };
+    Order { first, suspected, victims, looks, before, reopened, ..whole }
 }
 
 #[cfg(test)]
@@ -75,8 +99,13 @@ mod tests {
     /// A list that suspected a loop at each of these hours.
     fn list(hours: std::ops::Range<u32>) -> WorkList {
         let mut list = WorkList::default();
-        let seen =
-            Seen { cause: Cause::Valve, probability: 0.9, why: "it sticks".into(), victims: Vec::new() };
+        let seen = Seen {
+            cause: Cause::Valve,
+            probability: Some(0.9),
+            worth: 1.8,
+            why: "it sticks".into(),
+            victims: vec![LoopId::new("B")],
+        };
         for hour in hours {
             let (id, measure) = (LoopId::new("A"), Measure::default());
             let said = [Said { id, from: 0.0, measure, seen: Some(seen.clone()) }];
@@ -101,12 +130,12 @@ mod tests {
         let kept = only(&before);
         // The store could not be read for three looks.
         let mut own = list(20..23);
-        let both = put_back(&mut own, vec![kept.clone()]);
+        let both = put_back(&mut own, vec![kept.clone()], |_| true);
         let found = only(&own);
         assert_eq!(both, std::slice::from_ref(&found), "it is kept anew");
         assert_eq!((found.state, found.by.as_deref()), (State::Ordered, Some("ann")));
         assert_eq!((found.first, found.since, found.looks.len()), (kept.first, kept.since, 13));
-        assert!(put_back(&mut own, vec![kept]).is_empty(), "it goes on from there");
+        assert!(put_back(&mut own, vec![kept], |_| true).is_empty(), "it goes on from there");
         assert_eq!(only(&own), found);
     }
 
@@ -116,7 +145,7 @@ mod tests {
         act(&mut before, Act::Order, "ann", 11);
         let mut own = list(20..23);
         act(&mut own, Act::Repaired, "bob", 24);
-        put_back(&mut own, vec![only(&before)]);
+        put_back(&mut own, vec![only(&before)], |_| true);
         let found = only(&own);
         assert_eq!((found.state, found.by.as_deref()), (State::Repaired, Some("bob")));
         assert_eq!((found.first, found.looks.len()), (0.0, 13));
@@ -127,7 +156,26 @@ mod tests {
     fn of_a_loop_without_one_the_order_is_back() {
         let kept = only(&list(0..10));
         let mut own = WorkList::default();
-        assert!(put_back(&mut own, vec![kept.clone()]).is_empty());
+        assert!(put_back(&mut own, vec![kept.clone()], |_| true).is_empty());
         assert_eq!(only(&own), kept);
+    }
+
+    #[test]
+    fn what_calms_down_with_an_order_comes_back_from_a_look_that_is_fresh_and_the_last() {
+        let mut kept = list(0..60);
+        act(&mut kept, Act::Order, "ann", 60);
+        let kept = only(&kept);
+        assert_eq!(kept.victims, [LoopId::new("B")]);
+        let last = 3600.0 * 59.0;
+        let back = |mut own: WorkList, since: f64| {
+            put_back(&mut own, vec![kept.clone()], |at| at >= since);
+            own.sources().len()
+        };
+        assert_eq!((back(WorkList::default(), last), back(WorkList::default(), last + 1.0)), (1, 0));
+        // A look since the start has found another order, and this loop at rest.
+        let mut since = WorkList::default();
+        let other = Order { id: LoopId::new("C"), ..kept.clone() };
+        since.restore(vec![Order { victims: Vec::new(), ..other }]);
+        assert_eq!(back(since, last), 0);
     }
 }

@@ -1,31 +1,71 @@
 //! Orders and indicators as rows of the store, and back. They are states of a loop, as its alarms are, and lie beside them under
-//! kinds of their own, so that they too are held twice.
+//! kinds of their own, so that they too are held twice. A row that is written otherwise is left out.
 
 use crate::indicators::series::{COUNT, Values};
 use crate::plantwide::Cause;
 use crate::signal::LoopId;
 use crate::store::{AlarmRow, Row, TransitionRow};
 use crate::work::order::Look;
-use crate::work::{Measure, Move, Order, Seen, State};
+use crate::work::{Measure, Move, Order, State};
 use std::collections::VecDeque;
 use std::fmt::Write;
 
 /// Kinds of the rows.
 const WORK: &str = "work";
 const HEALTH: &str = "health";
+const TODAY: &str = "today";
+
+/// A loop's indicators, day by day: when each ended (s), and its means.
+pub(in crate::app) type Days = (LoopId, Vec<(f64, Values)>);
+
+/// What the looks of a day have found of a loop so far.
+#[derive(Clone, Debug, PartialEq)]
+pub(in crate::app) struct Part {
+    /// When the last of these looks was (s): the day is that of this time.
+    pub until: f64,
+    /// Mean of each indicator.
+    pub values: Values,
+    /// How many looks each mean is of.
+    pub counts: [u32; COUNT],
+}
+
+/// What a start goes on from: a loop's day so far, and how it was by the latest look.
+#[derive(Clone, Debug, PartialEq)]
+pub(in crate::app) struct Today {
+    pub id: LoopId,
+    pub part: Part,
+    pub measure: Measure,
+}
+
+/// All that the store has of the plant as a whole.
+#[derive(Default)]
+pub(in crate::app) struct KeptPlant {
+    pub orders: Vec<Order>,
+    pub days: Vec<Days>,
+    pub todays: Vec<Today>,
+}
+
+impl KeptPlant {
+    /// That which is among some states.
+    pub(in crate::app) fn of(states: &[AlarmRow]) -> Self {
+        Self {
+            orders: states.iter().filter_map(order_of).collect(),
+            days: states.iter().filter_map(health_of).collect(),
+            todays: states.iter().filter_map(today_of).collect(),
+        }
+    }
+}
 
 /// An order and what happened to it.
 pub(in crate::app) fn order_rows(order: &Order, moved: Option<&Move>) -> Vec<Row> {
     let mut trend = String::new();
-    if let Some(seen) = &order.seen {
-        let victims: Vec<&str> = seen.victims.iter().map(LoopId::as_str).collect();
-        let _ = writeln!(trend, "{}\t{}\t{}", seen.cause.as_str(), seen.probability, victims.join("\t"));
-    } else {
-        trend.push('\n');
-    }
+    let victims: Vec<&str> = order.victims.iter().map(LoopId::as_str).collect();
+    let why = order.why.as_ref().map_or("", |(cause, _)| cause.as_str());
+    let _ = writeln!(trend, "{why}\n{}", victims.join("\t"));
     for look in &order.looks {
-        let cause = look.cause.map_or("-\t-".to_string(), |(cause, p)| format!("{}\t{p}", cause.as_str()));
-        let _ = writeln!(trend, "{}\t{cause}\t{}\t{}", look.at, measure(&look.measure), look.from);
+        let (cause, p) = look.cause.map_or(("-", None), |(cause, p)| (cause.as_str(), p));
+        let (p, worth, own) = (field(p), look.worth, measure(&look.measure));
+        let _ = writeln!(trend, "{}\t{cause}\t{p}\t{worth}\t{own}\t{}", look.at, look.from);
     }
     let before = order.before.map(|(own, at)| format!("{at}\t{}\n", measure(&own))).unwrap_or_default();
     let after = order.after.map(|own| format!("-\t{}\n", measure(&own))).unwrap_or_default();
@@ -33,12 +73,12 @@ pub(in crate::app) fn order_rows(order: &Order, moved: Option<&Move>) -> Vec<Row
         control_loop: order.id.to_string(),
         kind: WORK.into(),
         active: order.state.is_standing(),
-        votes: format!("{} {}", order.state.as_str(), order.reopened),
+        votes: format!("{} {} {}", order.state.as_str(), order.reopened, order.suspected),
         raises: format!("{before}{after}"),
         trend,
         since: Some(order.since),
         raised_at: Some(order.first),
-        detail: order.seen.as_ref().map(|seen| seen.why.clone()).unwrap_or_default(),
+        detail: order.why.as_ref().map(|(_, why)| why.clone()).unwrap_or_default(),
         by: order.by.clone(),
         comment: order.note.clone(),
         ..AlarmRow::default()
@@ -84,14 +124,30 @@ pub(in crate::app) fn health_row(id: &LoopId, days: &[(f64, Values)]) -> Row {
     })
 }
 
+/// A loop's day so far, and how it was by the latest look.
+pub(in crate::app) fn today_row(id: &LoopId, part: &Part, own: &Measure) -> Row {
+    let each = part.values.iter().zip(part.counts);
+    let values: String = each.map(|(value, count)| format!("{count}\t{}\n", field(*value))).collect();
+    Row::Alarm(AlarmRow {
+        control_loop: id.to_string(),
+        kind: TODAY.into(),
+        trend: format!("{}\n{values}", measure(own)),
+        since: Some(part.until),
+        ..AlarmRow::default()
+    })
+}
+
 /// An order as it was kept; `None` for a row that is none.
-pub(in crate::app) fn order_of(row: &AlarmRow) -> Option<Order> {
+fn order_of(row: &AlarmRow) -> Option<Order> {
     if row.kind != WORK {
         return None;
     }
-    let (state, reopened) = row.votes.split_once(' ')?;
+    let mut votes = row.votes.split(' ');
+    let (state, reopened, suspected) = (votes.next()?, votes.next()?, number(votes.next()?)?);
     let mut lines = row.trend.lines();
-    let seen = lines.next().and_then(|line| seen(line, &row.detail));
+    let why = lines.next().and_then(cause).map(|cause| (cause, row.detail.clone()));
+    let victims = lines.next().unwrap_or_default().split('\t').filter(|name| !name.is_empty());
+    let victims = victims.map(LoopId::new).collect();
     let looks: VecDeque<Look> = lines.filter_map(look).collect();
     let (mut before, mut after) = (None, None);
     for line in row.raises.lines() {
@@ -106,7 +162,9 @@ pub(in crate::app) fn order_of(row: &AlarmRow) -> Option<Order> {
         state: State::named(state)?,
         since: row.since?,
         first: row.raised_at?,
-        seen,
+        suspected,
+        why,
+        victims,
         looks,
         before,
         after,
@@ -117,7 +175,7 @@ pub(in crate::app) fn order_of(row: &AlarmRow) -> Option<Order> {
 }
 
 /// The days of a loop as they were kept; `None` for a row that has none.
-pub(in crate::app) fn health_of(row: &AlarmRow) -> Option<(LoopId, Vec<(f64, Values)>)> {
+fn health_of(row: &AlarmRow) -> Option<Days> {
     let day = |line: &str| {
         let mut fields = line.split(' ');
         let at = fields.next().and_then(number)?;
@@ -130,12 +188,30 @@ pub(in crate::app) fn health_of(row: &AlarmRow) -> Option<(LoopId, Vec<(f64, Val
     (row.kind == HEALTH).then(|| (LoopId::new(row.control_loop.as_str()), days()))
 }
 
+/// A loop's day so far as it was kept; `None` for a row that has none.
+fn today_of(row: &AlarmRow) -> Option<Today> {
+    if row.kind != TODAY {
+        return None;
+    }
+    let mut lines = row.trend.lines();
+    let measure = read_measure(&mut lines.next()?.split('\t'));
+    let mut part = Part { until: row.since?, values: [None; COUNT], counts: [0; COUNT] };
+    for (value, count) in part.values.iter_mut().zip(&mut part.counts) {
+        let (of, mean) = lines.next()?.split_once('\t')?;
+        (*value, *count) = (number(mean), of.parse::<u32>().ok()?);
+    }
+    Some(Today { id: LoopId::new(row.control_loop.as_str()), part, measure })
+}
+
 fn number(field: &str) -> Option<f64> {
     field.parse::<f64>().ok().filter(|x| x.is_finite())
 }
 
+fn field(x: Option<f64>) -> String {
+    x.map_or("-".to_string(), |x| x.to_string())
+}
+
 fn measure(own: &Measure) -> String {
-    let field = |x: Option<f64>| x.map_or("-".to_string(), |x| x.to_string());
     format!("{}\t{}\t{}", field(own.error_sd), field(own.swing), field(own.f))
 }
 
@@ -148,40 +224,32 @@ fn cause(name: &str) -> Option<Cause> {
     Cause::ALL.into_iter().find(|cause| cause.as_str() == name)
 }
 
-fn seen(line: &str, why: &str) -> Option<Seen> {
-    let mut fields = line.split('\t');
-    let cause = cause(fields.next()?)?;
-    let probability = number(fields.next()?)?;
-    let victims = fields.filter(|name| !name.is_empty()).map(LoopId::new).collect();
-    Some(Seen { cause, probability, why: why.to_string(), victims })
-}
-
 fn look(line: &str) -> Option<Look> {
     let mut fields = line.split('\t');
     let at = number(fields.next()?)?;
-    let (cause, probability) = (cause(fields.next()?), number(fields.next()?));
+    let (cause, probability, worth) =
+        (cause(fields.next()?), number(fields.next()?), number(fields.next()?)?);
     let measure = read_measure(&mut fields);
-    // An earlier version did not keep it: such a look may reach back before everything.
-    let from = fields.next().and_then(number).unwrap_or(f64::NEG_INFINITY);
-    Some(Look { at, from, cause: cause.zip(probability), measure })
+    let from = number(fields.next()?)?;
+    Some(Look { at, from, cause: cause.map(|cause| (cause, probability)), worth, measure })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::work::{Act, Config, Said, WorkList};
+    use crate::work::{Act, Config, Said, Seen, WorkList};
 
     #[test]
     fn an_order_comes_back_as_it_was() {
         let (mut list, id, config) = (WorkList::default(), LoopId::new("FIC1"), Config::default());
-        let seen = Seen {
-            cause: Cause::Valve,
-            probability: 0.875,
-            why: "it sticks".into(),
-            victims: vec![LoopId::new("LIC1"), LoopId::new("TIC 2")],
+        let seen = |hour: u32| {
+            let (cause, probability) =
+                if hour < 7 { (Cause::Unknown, None) } else { (Cause::Valve, Some(0.875)) };
+            let victims = vec![LoopId::new("LIC1"), LoopId::new("TIC 2")];
+            Seen { cause, probability, worth: 2.25, why: "it sticks".into(), victims }
         };
-        for hour in 0..60 {
-            let seen = (hour % 10 != 3).then(|| seen.clone());
+        for hour in 0..60_u32 {
+            let seen = (hour % 10 != 3).then(|| seen(hour));
             let measure = Measure { error_sd: Some(1.5), swing: None, f: Some(0.1 * f64::from(hour)) };
             let now = 3600.0 * f64::from(hour);
             list.take(&[Said { id: id.clone(), from: now - 8640.5, measure, seen }], now, &config);
@@ -199,12 +267,33 @@ mod tests {
     }
 
     #[test]
-    fn a_look_of_an_earlier_version_may_reach_back_before_everything() {
+    fn a_look_that_is_written_otherwise_is_none() {
         let measure = Measure { error_sd: Some(1.5), swing: None, f: Some(0.25) };
-        let of = |from| Look { at: 3600.0, from, cause: Some((Cause::Valve, 0.875)), measure };
-        assert_eq!(look("3600\tvalve\t0.875\t1.5\t-\t0.25"), Some(of(f64::NEG_INFINITY)));
-        assert_eq!(look("3600\tvalve\t0.875\t1.5\t-\t0.25\t-inf"), Some(of(f64::NEG_INFINITY)));
-        assert_eq!(look("3600\tvalve\t0.875\t1.5\t-\t0.25\t-60.5"), Some(of(-60.5)));
+        let of = |cause| Look { at: 3600.0, from: -60.5, cause, worth: 2.5, measure };
+        let (valve, unknown) = (Some((Cause::Valve, Some(0.875))), Some((Cause::Unknown, None)));
+        assert_eq!(look("3600\tvalve\t0.875\t2.5\t1.5\t-\t0.25\t-60.5"), Some(of(valve)));
+        assert_eq!(look("3600\tunknown\t-\t2.5\t1.5\t-\t0.25\t-60.5"), Some(of(unknown)));
+        assert_eq!(look("3600\t-\t-\t2.5\t1.5\t-\t0.25\t-60.5"), Some(of(None)));
+        for wrong in ["3600\tvalve\t0.875\t2.5\t1.5\t-\t0.25", "3600\tvalve\t0.875", "3600", ""] {
+            assert_eq!(look(wrong), None, "{wrong}");
+        }
+    }
+
+    #[test]
+    fn the_day_so_far_comes_back_as_it_was() {
+        let (id, mut values, mut counts) = (LoopId::new("FIC1"), [None; COUNT], [0; COUNT]);
+        (values[0], counts[0], values[COUNT - 1], counts[COUNT - 1]) = (Some(81.5), 18, Some(0.25), 7);
+        let part = Part { until: 64_800.0, values, counts };
+        let measure = Measure { error_sd: Some(1.5), swing: None, f: Some(0.25) };
+        let Row::Alarm(row) = today_row(&id, &part, &measure) else { panic!("a state") };
+        let found = KeptPlant::of(std::slice::from_ref(&row));
+        assert_eq!(found.todays, [Today { id, part, measure }]);
+        assert_eq!((found.orders.len(), found.days.len()), (0, 0));
+        // With a line less it is of another version.
+        let (less, _) = row.trend.trim_end().rsplit_once('\n').expect("lines");
+        for trend in [less, "", "x\ty\nz"] {
+            assert_eq!(today_of(&AlarmRow { trend: trend.into(), ..row.clone() }), None);
+        }
     }
 
     #[test]
@@ -218,7 +307,7 @@ mod tests {
         for trend in ["", "x y z", "1 2 NaN\n\n\t\n", "valve\t"] {
             let row = AlarmRow {
                 kind: WORK.into(),
-                votes: "open x".into(),
+                votes: "open x 0".into(),
                 trend: trend.into(),
                 ..AlarmRow::default()
             };

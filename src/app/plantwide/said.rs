@@ -2,20 +2,12 @@
 
 use super::{Live, LiveLoop};
 use crate::indicators::series::Values;
-use crate::plantwide::{self, Analysis, Task, tasks};
+use crate::plantwide::cause::is_judged;
+use crate::plantwide::{self, Analysis, HOUR_S, Task, tasks};
 use crate::results::Summary;
 use crate::signal::LoopId;
 use crate::work::{CostConfig, Measure, Order, Said, Seen};
 use std::collections::HashMap;
-
-/// What of a record the indicators of a look are taken from, where the record is longer (s).
-const HOUR_S: f64 = 3600.0;
-/// Share of the time in automatic below which nothing is said of a controller.
-const IN_MANUAL: f64 = 0.5;
-/// Where some of the indicators stand.
-const SERVICE_FACTOR: usize = 1;
-const ERROR_SD: usize = 3;
-const SWING: usize = 6;
 
 /// What a look says.
 #[derive(Default)]
@@ -24,7 +16,7 @@ pub(super) struct LookSaid {
     pub of_loops: Vec<Said>,
     /// Indicators of every loop.
     pub values: Vec<(LoopId, Values)>,
-    /// How every loop was over all of its window.
+    /// How every loop was over all of its window, or over the latest part of one that does not tell.
     pub measures: Vec<(LoopId, Measure)>,
 }
 
@@ -37,19 +29,26 @@ pub(super) fn said(plant: &Live<'_>, found: &Analysis) -> LookSaid {
     for (at, own) in plantwide::values(plant, found, HOUR_S).into_iter().enumerate() {
         said.values.push((id(at), own));
         let live = &plant.loops[at];
-        let f = plant.results.get(&id(at), plant.now).and_then(|known| f_since(&known.summary?, live.from));
-        let whole = found.loops[at].indicators.values();
-        let measure = Measure { error_sd: whole[ERROR_SD], swing: whole[SWING], f };
+        let known = plant.results.get(&id(at), plant.at.now);
+        let f = known.and_then(|known| f_since(&known.summary?, live.from));
+        let told = found.loops[at].told();
+        let finite = |x: &f64| x.is_finite();
+        let error_sd = told.error.map(|error| error.sd).filter(finite);
+        let measure = Measure { error_sd, swing: told.swing.filter(finite), f };
         said.measures.push((id(at), measure));
         let seen = by_loop.get(&at).map(|task| Seen {
             cause: task.cause,
             probability: task.probability,
+            worth: task.worth,
             why: task.why.clone(),
             victims: task.victims.iter().map(|at| id(*at)).collect(),
         });
-        // What is drawn through gaps proves nothing.
-        let measured = found.loops[at].indicators.measured;
-        if measured && live.can_be_judged(whole[SERVICE_FACTOR], seen.is_some()) {
+        // Where most of the movement is too fast for the window, it does not tell rest, and the latest part does. A term of write-back
+        // calms a loop and cures no valve.
+        let is_blurred = found.loops[at].indicators.blurred;
+        let is_told = seen.is_some() || !is_blurred || told.swing == Some(0.0);
+        let is_told = is_told && !plant.history.term_acted(&id(at), live.from);
+        if is_told && is_judged(&found.loops[at]) && live.shows_something(seen.is_some()) {
             said.of_loops.push(Said { id: id(at), from: live.from, measure, seen });
         }
     }
@@ -62,25 +61,24 @@ fn f_since(summary: &Summary, from: f64) -> Option<f64> {
 }
 
 impl LiveLoop<'_> {
-    /// Whether the window shows the loop at work. In manual nothing was asked of the valve, and where nothing moves the unit is
-    /// down. Without a recorded mode an OP that stands still is all that tells manual: then rest proves nothing, but what is
-    /// suspected all the same, as an OP that stays at a limit, is.
-    fn can_be_judged(&self, service_factor: Option<f64>, is_suspected: bool) -> bool {
-        let in_manual = service_factor.is_some_and(|share| share < IN_MANUAL);
-        !in_manual && (self.op_moves || self.pv_moves && is_suspected)
+    /// Whether a window of a loop that is not in manual shows it at work: where nothing moves the unit is down. Without a recorded
+    /// mode an OP that stands still is all that tells manual: then rest proves nothing, but what is suspected all the same, as an
+    /// OP that stays at a limit, is.
+    fn shows_something(&self, is_suspected: bool) -> bool {
+        self.op_moves || self.pv_moves && is_suspected
     }
 }
 
 /// What an order's loop and its victims cost by their swing: price times the part of the error's standard deviation that would be
-/// gone with it, `sd (1 - sqrt(1 - share))`. Both are of the whole window: the last hour has but a piece of a slow swing.
+/// gone with it, `sd (1 - sqrt(1 - share))`. Both are of the same time, the whole window where that tells them: the last hour has but
+/// a piece of a slow swing.
 pub(super) fn cost(
     order: &Order,
     costs: &HashMap<LoopId, CostConfig>,
     measures: &HashMap<LoopId, Measure>,
 ) -> Option<(f64, String)> {
-    let victims = order.seen.iter().flat_map(|seen| &seen.victims);
     let mut sum: Option<(f64, String)> = None;
-    for id in std::iter::once(&order.id).chain(victims) {
+    for id in std::iter::once(&order.id).chain(&order.victims) {
         let (Some(price), Some(measure)) = (costs.get(id), measures.get(id)) else { continue };
         let (Some(sd), Some(swing)) = (measure.error_sd, measure.swing) else { continue };
         let cost = price.per_sd * sd * (1.0 - (1.0 - swing.clamp(0.0, 1.0)).sqrt());
@@ -92,34 +90,43 @@ pub(super) fn cost(
 
 #[cfg(test)]
 mod tests {
-    use super::super::{WatchedLoop, window};
+    use super::super::{Moment, WatchedLoop, window};
     use super::*;
     use crate::alarm;
     use crate::history::{self, History, LoopTags, TagKind, TagSpec};
+    use crate::indicators::series::NAMED;
     use crate::plantwide::{Cause, analyse};
     use crate::results::{Results, Trigger};
     use crate::signal::{BadReason, Quality, Role, Sample, SpanSource};
     use crate::work::{Act, Config, State, WorkList};
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
 
     const NAME: &str = "FIC1";
     /// Time between samples (s).
     const STEP_S: f64 = 240.0;
 
-    /// The rings of a loop: OP, PV and, where it is there, the mode of each sample; NaN for one that is not good.
+    /// The rings of a loop: OP, PV and, where they are there, the mode and the term of each sample; NaN for one that is not good.
     fn rings(samples: u32, of: impl Fn(f64) -> Vec<f64>) -> History {
+        rings_of(STEP_S, samples, of)
+    }
+
+    /// The same with so much time between samples (s).
+    fn rings_of(step_s: f64, samples: u32, of: impl Fn(f64) -> Vec<f64>) -> History {
         let tag = |role| TagSpec { kind: TagKind::Role(role), unit: String::new(), source: String::new() };
         let own = LoopTags {
             id: LoopId::new(NAME),
-            tags: [Role::Op, Role::Pv, Role::Mode].map(tag).to_vec(),
+            tags: [Role::Op, Role::Pv, Role::Mode, Role::Term].map(tag).to_vec(),
             op_limits: None,
             op_span: None,
             op_span_source: SpanSource::Unknown,
         };
-        let history = History::new(&[own], &history::Config::default());
+        let samples_per_tag = history::Config::default().samples_per_tag.max(samples as usize);
+        let history = History::new(&[own], &history::Config { samples_per_tag });
         for k in (0..samples).map(f64::from) {
             for (tag, value) in of(k).into_iter().enumerate() {
                 let quality = if value.is_nan() { Quality::Bad(BadReason::Timeout) } else { Quality::Good };
-                assert!(history.push(tag, Sample { t: STEP_S * k, value, quality }));
+                assert!(history.push(tag, Sample { t: step_s * k, value, quality }));
             }
         }
         history
@@ -130,22 +137,36 @@ mod tests {
         5.0 * (0.1 * k + phase).sin() + (0.7 * k * k).sin()
     }
 
+    /// When looks are an hour apart, and nothing has come since the start.
+    fn moment(now: f64) -> Moment {
+        Moment { now, elapsed_s: 0.0, period_s: 3600.0 }
+    }
+
     /// A look when the last of 1,440 samples has come.
     fn look(history: &History) -> LookSaid {
+        look_at(history, STEP_S * 1439.0)
+    }
+
+    fn look_at(history: &History, now: f64) -> LookSaid {
         let results = Results::new(&[LoopId::new(NAME)], 1, &alarm::Config::default());
         let of = WatchedLoop { id: LoopId::new(NAME), upstream: Vec::new() };
-        let (now, period_s) = (STEP_S * 1439.0, 3600.0);
-        let found = window(history, &of.id, (now, period_s)).expect("rings").expect("samples");
-        let loops = vec![LiveLoop::new(&of, &found.window)];
-        let plant = Live { history, loops, results: &results, now, period_s };
+        let at = moment(now);
+        let found = window(history, &of.id, at).expect("rings").expect("samples");
+        let loops = vec![LiveLoop::new(&of, &found.window, 0.0)];
+        let plant = Live { history, loops, results: &results, at };
         said(&plant, &analyse(&plant))
     }
 
     /// An order that is open since hour 48 of 60.
     fn opened() -> WorkList {
         let mut list = WorkList::default();
-        let seen =
-            Seen { cause: Cause::Valve, probability: 0.9, why: "it sticks".into(), victims: Vec::new() };
+        let seen = Seen {
+            cause: Cause::Valve,
+            probability: Some(0.9),
+            worth: 1.0,
+            why: "it sticks".into(),
+            victims: Vec::new(),
+        };
         for now in (0..60).map(|hour| 3600.0 * f64::from(hour)) {
             let (id, measure) = (LoopId::new(NAME), Measure::default());
             let said = [Said { id, from: now, measure, seen: Some(seen.clone()) }];
@@ -180,6 +201,18 @@ mod tests {
         assert_eq!(automatic.of_loops.len(), 1);
     }
 
+    /// An order would be closed as calmed, or as verified, while the valve sticks as before.
+    #[test]
+    fn a_window_in_which_a_term_of_write_back_acted_proves_nothing() {
+        let judged = |acts: &dyn Fn(f64) -> bool| {
+            let term = |k: f64| if acts(k) { 2.0 } else { 0.0 };
+            look(&rings(1440, |k| vec![swing(k, 0.0), swing(k, 0.0), 1.0, term(k)])).of_loops.len()
+        };
+        assert_eq!(judged(&|_| false), 1);
+        assert_eq!(judged(&|k| (300.0..310.0).contains(&k)), 0);
+        assert_eq!(judged(&|k| k == 1439.0), 0, "and it acts still");
+    }
+
     #[test]
     fn a_window_that_is_mostly_a_gap_proves_nothing() {
         let there = |k: f64| if (200.0..1000.0).contains(&k) { f64::NAN } else { swing(k, 0.0) };
@@ -191,13 +224,11 @@ mod tests {
     fn without_a_mode_an_op_that_stands_still_is_all_that_tells_manual() {
         let of = WatchedLoop { id: LoopId::new(NAME), upstream: Vec::new() };
         let live = |op_moves, pv_moves| LiveLoop { of: &of, from: 0.0, op_moves, pv_moves };
-        let judged = |live: LiveLoop<'_>| [false, true].map(|seen| live.can_be_judged(None, seen));
-        assert_eq!(judged(live(true, true)), [true, true]);
-        assert_eq!(judged(live(true, false)), [true, true]);
-        assert_eq!(judged(live(false, true)), [false, true]);
-        assert_eq!(judged(live(false, false)), [false, false]);
-        assert!(!live(true, true).can_be_judged(Some(0.4), true));
-        assert!(live(true, true).can_be_judged(Some(0.6), false));
+        let shows = |live: LiveLoop<'_>| [false, true].map(|seen| live.shows_something(seen));
+        assert_eq!(shows(live(true, true)), [true, true]);
+        assert_eq!(shows(live(true, false)), [true, true]);
+        assert_eq!(shows(live(false, true)), [false, true]);
+        assert_eq!(shows(live(false, false)), [false, false]);
     }
 
     #[test]
@@ -220,7 +251,7 @@ mod tests {
     fn a_loop_without_data_is_passed_over_and_says_since_when() {
         let id = LoopId::new(NAME);
         let seen = |history: &History, now: f64| {
-            window(history, &id, (now, 3600.0)).expect("rings").map(|of| (of.silent_s, of.window.len()))
+            window(history, &id, moment(now)).expect("rings").map(|of| (of.silent_s, of.window.len()))
         };
         let (last, whole) = (STEP_S * 1439.0, rings(1440, |k| vec![swing(k, 0.0), swing(k, 0.0)]));
         assert_eq!(seen(&whole, last), Ok((0.0, 1440)));
@@ -243,20 +274,105 @@ mod tests {
     }
 
     #[test]
+    fn a_source_whose_clock_is_off_is_silent_when_nothing_comes_and_not_before() {
+        let (id, last) = (LoopId::new(NAME), STEP_S * 1439.0);
+        for ahead in [-18_000.0, 18_000.0] {
+            let history = rings(1440, |k| vec![swing(k, 0.0), swing(k, 0.0)]);
+            // The last samples came 1,000 s after the start.
+            for tag in [0, 1] {
+                history.ring(tag).expect("a tag").heard().sample(last, 1000.0);
+            }
+            let after = |s: f64| Moment { now: last - ahead + s, elapsed_s: 1000.0 + s, period_s: 3600.0 };
+            let seen = |s: f64| window(&history, &id, after(s)).expect("rings").map(|of| of.silent_s);
+            assert_eq!((seen(0.0), seen(3600.0)), (Ok(0.0), Ok(3600.0)), "{ahead}");
+            assert!(seen(3601.0).is_err(), "{ahead}");
+            // A repair is stamped by our clock: no sample of before it may pass for one of after it.
+            let of = WatchedLoop { id: id.clone(), upstream: Vec::new() };
+            let found = window(&history, &id, after(0.0)).expect("rings").expect("samples");
+            let live = LiveLoop::new(&of, &found.window, after(0.0).ahead_s(&history, &id));
+            assert_eq!(live.from, if ahead > 0.0 { -ahead } else { 0.0 });
+        }
+    }
+
+    #[test]
     fn the_latest_hour_is_that_before_now() {
         // Half of the latest hour and less has no sample, and its figures are not those of an hour before.
         let history = rings(1440, |k| vec![swing(k, 0.0), swing(k, 0.0), 1.0]);
         let hour = |late: f64| {
             let results = Results::new(&[LoopId::new(NAME)], 1, &alarm::Config::default());
             let of = WatchedLoop { id: LoopId::new(NAME), upstream: Vec::new() };
-            let (now, period_s) = (STEP_S * 1439.0 + late, 3600.0);
-            let found = window(&history, &of.id, (now, period_s)).expect("rings").expect("samples");
-            let loops = vec![LiveLoop::new(&of, &found.window)];
-            let plant = Live { history: &history, loops, results: &results, now, period_s };
+            let at = moment(STEP_S * 1439.0 + late);
+            let found = window(&history, &of.id, at).expect("rings").expect("samples");
+            let loops = vec![LiveLoop::new(&of, &found.window, 0.0)];
+            let plant = Live { history: &history, loops, results: &results, at };
             said(&plant, &analyse(&plant)).values[0].1
         };
-        assert!(hour(0.0)[ERROR_SD].is_some() && hour(1200.0)[ERROR_SD].is_some());
-        assert_eq!((hour(2400.0)[ERROR_SD], hour(2400.0)[SERVICE_FACTOR]), (None, None));
+        let of = |late: f64, name: &str| {
+            let at = NAMED.iter().position(|own| own.0 == name).expect("an indicator");
+            hour(late)[at]
+        };
+        assert!(of(0.0, "error_sd").is_some() && of(1200.0, "error_sd").is_some());
+        assert_eq!((of(2400.0, "error_sd"), of(2400.0, "service_factor")), (None, None));
+    }
+
+    #[test]
+    fn a_swing_too_fast_for_the_rows_of_long_rings_is_in_the_hour_and_no_rest() {
+        // 20,000 samples at 10 s are rows of 49 s, in which nothing is left of a cycle of 40 s.
+        let fast = |k: f64| 5.0 * (std::f64::consts::TAU * k / 4.0 + 0.3).sin() + (0.7 * k * k).sin();
+        let history = rings_of(10.0, 20_000, |k| vec![50.0 - fast(k), fast(k)]);
+        let found = look_at(&history, 199_990.0);
+        // What it costs is told by the latest part, and rest by neither.
+        let Measure { error_sd, swing, .. } = found.measures[0].1;
+        assert!((error_sd.expect("known") - 13f64.sqrt()).abs() < 0.2, "{:?}", found.measures);
+        assert!(swing.expect("known") > 0.8, "{:?}", found.measures);
+        assert!(found.of_loops.iter().all(|own| own.seen.is_some()), "{:?}", found.of_loops);
+        // The hour has it as it was sampled, and what the window does not tell is told by the recent part.
+        let at = |name: &str| NAMED.iter().position(|own| own.0 == name).and_then(|at| found.values[0].1[at]);
+        assert!((at("error_sd").expect("known") - 13f64.sqrt()).abs() < 0.2, "{:?}", found.values);
+        assert!(at("swing").expect("known") > 0.8 && at("score").is_some(), "{:?}", found.values);
+        assert!((at("period_s").expect("known") - 40.0).abs() < 1.0, "{:?}", found.values);
+    }
+
+    /// The samples of a loop at rest: PV is white noise of 1, and OP answers it slowly.
+    fn at_rest(samples: u32) -> Vec<Vec<f64>> {
+        let noise = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(7));
+        let mut answer = 0.0;
+        let sample = |(_, pv): (u32, f64)| {
+            answer = 0.8 * answer - 0.5 * pv;
+            vec![50.0 + answer, pv]
+        };
+        (0..samples).zip(noise).map(sample).collect()
+    }
+
+    #[test]
+    fn a_loop_at_rest_is_mostly_noise_and_its_order_ends() {
+        // Rows of seven samples have little of white noise.
+        let (samples, last) = (at_rest(30_000), 299_990.0);
+        let history = rings_of(10.0, 30_000, |k| samples[k as usize].clone());
+        let whole = window(&history, &LoopId::new(NAME), moment(last)).expect("rings").expect("samples");
+        assert!(whole.pv_blurred);
+        let found = look_at(&history, last);
+        assert!(found.of_loops.len() == 1 && found.of_loops[0].seen.is_none(), "{:?}", found.of_loops);
+        let Measure { error_sd, swing, .. } = found.of_loops[0].measure;
+        assert!((error_sd.expect("known") - 1.0).abs() < 0.05, "{error_sd:?}");
+        assert_eq!(swing, Some(0.0));
+        let mut list = opened();
+        for hour in 60..120 {
+            list.take(&found.of_loops, 3600.0 * f64::from(hour), &Config::default());
+        }
+        assert_eq!(state(&list), State::Calmed);
+    }
+
+    #[test]
+    fn a_ring_of_the_usual_length_is_looked_at_sample_by_sample() {
+        let count = history::Config::default().samples_per_tag;
+        let samples = at_rest(count as u32);
+        let history = rings_of(1.0, count as u32, |k| samples[k as usize].clone());
+        let at = moment(count as f64);
+        let found = window(&history, &LoopId::new(NAME), at).expect("rings").expect("samples");
+        assert_eq!((found.window.ts, found.window.len(), found.raw), (1.0, count, None));
+        let pv: Vec<f64> = samples.iter().map(|own| own[1]).collect();
+        assert_eq!(found.window.pv, pv);
     }
 
     #[test]
@@ -281,7 +397,7 @@ mod tests {
     #[test]
     fn a_look_goes_back_a_week_at_most() {
         let history = rings(4000, |k| vec![k, k]);
-        let at = (STEP_S * 3999.0, 3600.0);
+        let at = moment(STEP_S * 3999.0);
         let found = window(&history, &LoopId::new(NAME), at).expect("rings").expect("samples").window;
         assert_eq!((found.t0, found.op[0]), (STEP_S * 3999.0 - 604_800.0, 1479.0));
     }

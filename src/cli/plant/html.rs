@@ -122,7 +122,7 @@ fn loops(out: &mut String, found: &Analysis) {
             cell(swing.map(|s| period(s.period_s))),
             cell(swing.map(|s| format!("{:.0} %", 100.0 * s.share))),
             cell(of.indicators.harris.map(|h| format!("{:.2}", h.index))),
-            cell(of.indicators.measured.then(|| format!("{:.0}", of.indicators.travel.reversals_a_day))),
+            cell(of.indicators.travel.map(|travel| format!("{:.0}", travel.reversals_a_day))),
             of.reason.as_ref().map_or("–", |r| r.cause.as_str()),
             of.reason.as_ref().map_or(String::new(), |r| escape(&r.why))
         );

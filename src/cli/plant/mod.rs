@@ -171,7 +171,7 @@ fn read(args: &Args) -> Result<Folder, Failure> {
 
 /// How sure a cause is; of none there is nothing to be sure of.
 fn sure(task: &Task) -> String {
-    task.sure().map_or_else(|| "–".into(), percent)
+    task.probability.map_or_else(|| "–".into(), percent)
 }
 
 fn text(found: &Analysis, work: &[Task], skipped: &[String]) -> String {

@@ -3,7 +3,7 @@
 
 use crate::alarm::{AlarmId, Kind, Priority};
 use crate::notify::filter::Filter;
-use crate::notify::notice::{Source, stands, words};
+use crate::notify::notice::{Source, stands};
 use crate::notify::payload::{self, Texts};
 use crate::notify::time::iso;
 use crate::results::AlarmView;
@@ -118,7 +118,8 @@ fn alert(view: &AlarmView, source: &Source) -> Alert {
     if let Some(site) = &source.site {
         labels.insert("site", site.clone());
     }
-    // Days apart from each diagnosis: it says so while an order stands, and an alert that it changes is another one.
+    // By looks at the plant, and not by each diagnosis: it says so while an order stands and looks find the swing, and an alert that
+    // it changes is another one.
     let source_of = source.swings_with(&view.id);
     let is_source = view.id.of_loop().is_some_and(|id| source.results.is_source(id));
     if let Some(of) = source_of.as_ref().or(view.id.of_loop().filter(|_| is_source)) {
@@ -126,7 +127,7 @@ fn alert(view: &AlarmView, source: &Source) -> Alert {
         labels.insert("swing", if source_of.is_some() { "victim" } else { "source" }.to_string());
     }
     let mut annotations = Texts::from([
-        ("summary", format!("{subject}: {}", words(view.id.kind))),
+        ("summary", format!("{subject}: {}", view.id.kind.words())),
         ("state", view.state.as_str().to_string()),
     ]);
     let mut say = |name, text: Option<String>| {

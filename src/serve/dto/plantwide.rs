@@ -8,6 +8,7 @@ use crate::serve::ports::{GroupSeen, Health, Overview, WorkLine};
 use crate::signal::LoopId;
 use crate::work::{Measure, State};
 use serde::{Deserialize, Serialize};
+use std::cmp::Ordering;
 use std::collections::BTreeMap;
 use utoipa::{IntoParams, ToSchema};
 
@@ -47,7 +48,8 @@ pub struct GroupItem {
     pub words: String,
     /// Its loops, the strongest first.
     pub members: Vec<String>,
-    /// Who may have started it, the likeliest first.
+    /// Who may have started it, the likeliest first: members with good samples over half of the time that were not in manual for
+    /// more than half of it.
     pub suspects: Vec<SuspectItem>,
 }
 
@@ -56,7 +58,7 @@ pub struct GroupItem {
 pub struct SuspectItem {
     /// Its name.
     pub id: String,
-    /// Probability, given that one of the group started it (0..1).
+    /// Probability, given that one of the suspects started it (0..1).
     pub probability: f64,
     /// What speaks for it, the strongest first.
     pub evidence: Vec<String>,
@@ -180,13 +182,14 @@ pub struct WorkItem {
     /// Why the loop is not at rest: `valve`, `tuning`, `load`, `sensor`, `saturation` or `unknown`.
     #[schema(value_type = Option<String>, example = "valve")]
     pub cause: Option<&'static str>,
-    /// Probability of the cause (0..1), the mean over the looks.
+    /// Probability of the cause (0..1), the mean over the looks; null where the cause is not known.
     pub probability: Option<f64>,
     /// In a sentence.
     pub why: String,
-    /// Loops that may calm down with it.
+    /// Loops that may calm down with it, by the latest look: those of which it is the source with a probability of 1/2 or more.
+    /// None where that look suspected nothing, or could not judge the loop.
     pub victims: Vec<String>,
-    /// What the swing of all of these costs.
+    /// What the swing of all of these costs by the latest look; null where nobody gave prices, or the loops were not looked at.
     pub cost: Option<f64>,
     /// Its unit.
     pub cost_unit: Option<String>,
@@ -234,16 +237,15 @@ impl WorkItem {
     pub fn of(line: &WorkLine) -> Self {
         let order = &line.order;
         let cause = order.cause();
-        let seen = order.seen.as_ref();
         Self {
             id: order.id.to_string(),
             state: order.state.as_str(),
             since: rfc3339(order.since),
             first: rfc3339(order.first),
             cause: cause.map(|(cause, _)| cause.as_str()),
-            probability: cause.map(|(_, probability)| probability),
-            why: seen.map(|seen| seen.why.clone()).unwrap_or_default(),
-            victims: seen.map(|seen| names(&seen.victims)).unwrap_or_default(),
+            probability: cause.and_then(|(_, probability)| probability),
+            why: order.why.as_ref().map(|(_, why)| why.clone()).unwrap_or_default(),
+            victims: names(&order.victims),
             cost: line.cost.as_ref().map(|(cost, _)| *cost),
             cost_unit: line.cost.as_ref().map(|(_, unit)| unit.clone()),
             by: order.by.clone(),
@@ -257,21 +259,24 @@ impl WorkItem {
 
 impl WorkListing {
     /// The lines that are wanted, what to do first first.
-    pub fn of(mut lines: Vec<WorkLine>, all: bool, now: f64) -> Self {
-        lines.sort_by(|a, b| {
-            let (a, b) = ((a.rank(), &a.order.id), (b.rank(), &b.order.id));
-            let numbers = b.0.1.total_cmp(&a.0.1).then(b.0.2.total_cmp(&a.0.2));
-            b.0.0.cmp(&a.0.0).then(numbers).then_with(|| a.1.cmp(b.1))
+    pub fn of(lines: Vec<WorkLine>, all: bool, now: f64) -> Self {
+        let mut lines: Vec<((u8, [f64; 3]), WorkLine)> =
+            lines.into_iter().map(|line| (line.rank(), line)).collect();
+        lines.sort_by(|((state, a), one), ((other, b), two)| {
+            let by_number = a.iter().zip(b).map(|(a, b)| b.total_cmp(a)).find(|own| own.is_ne());
+            let by_number = by_number.unwrap_or(Ordering::Equal);
+            other.cmp(state).then(by_number).then_with(|| one.order.id.cmp(&two.order.id))
         });
-        let count = |wanted: fn(State) -> bool| lines.iter().filter(|line| wanted(line.order.state)).count();
+        let count =
+            |wanted: fn(State) -> bool| lines.iter().filter(|(_, line)| wanted(line.order.state)).count();
         Self {
             time: rfc3339(now),
             standing: count(State::is_standing),
             watched: count(|state| state == State::Watched),
             items: lines
                 .iter()
-                .filter(|line| all || line.order.state.is_standing())
-                .map(WorkItem::of)
+                .filter(|(_, line)| all || line.order.state.is_standing())
+                .map(|(_, line)| WorkItem::of(line))
                 .collect(),
         }
     }
@@ -292,14 +297,16 @@ pub struct WorkBody {
 pub struct LoopHealth {
     /// What each is, in the order of every list of values.
     pub names: Vec<IndicatorName>,
-    /// The latest look (`hour`), and the means of the latest `shift` (8 h), `day` and `week`; of `period_s`, which has no mean,
-    /// that of the look with the largest swing. A value is null where good samples cover less than half of its time, and all of
-    /// `hour` where the latest look is older than two periods of the looks.
+    /// The latest look (`hour`), and the means of the latest `shift` (8 h), `day` (24 h) and `week` (168 h) up to it; of
+    /// `error_sd` the standard deviation about the mean of all that time, and of `period_s`, which has no mean, that of the look
+    /// with the largest swing. In each of them `score`, `swing` and `period_s` are of looks at the whole record, a week at most. A
+    /// value is null where good samples cover less than half of its time, and all of `hour` where the latest look is older than
+    /// two periods of the looks.
     pub over: BTreeMap<&'static str, Vec<Option<f64>>>,
     /// Every look of the latest week, oldest first. Where the latest one is older than two periods of the looks, the last is the
     /// one that was due, without values.
     pub looks: Vec<IndicatorPoint>,
-    /// The mean of each day before, oldest first.
+    /// The mean of each day of UTC that has ended, oldest first.
     pub days: Vec<IndicatorPoint>,
 }
 
@@ -349,7 +356,8 @@ impl From<&Health> for LoopHealth {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::work::Order;
+    use crate::plantwide::Cause;
+    use crate::work::{self, Order, Seen};
 
     fn words(probability: f64) -> String {
         let (a, b) = (LoopId::new("FIC101"), LoopId::new("LIC102"));
@@ -369,6 +377,31 @@ mod tests {
         ] {
             assert_eq!(words(probability), format!("{swing}{said}"));
         }
+    }
+
+    #[test]
+    fn an_unknown_cause_has_no_probability_and_is_not_before_a_known_one() {
+        let line = |name: &str, cause: Cause, probability: Option<f64>, worth: f64| {
+            let mut order = Order::new(LoopId::new(name), 0.0);
+            let (why, victims) = ("it swings".to_string(), vec![LoopId::new("B")]);
+            let seen = Seen { cause, probability, worth, why, victims };
+            order.take(Some(&seen), Measure::default(), 0.0, 3600.0, &work::Config::default());
+            WorkLine { order, cost: None }
+        };
+        let lines = vec![
+            line("A", Cause::Unknown, None, 1.0),
+            line("B", Cause::Valve, Some(0.6), 1.0),
+            line("C", Cause::Unknown, None, 1.8),
+            line("D", Cause::Tuning, Some(0.9), 1.0),
+        ];
+        let items = WorkListing::of(lines, true, 7200.0).items;
+        assert_eq!(items.iter().map(|own| own.id.as_str()).collect::<Vec<_>>(), ["C", "D", "B", "A"]);
+        let said: Vec<Option<f64>> = items.iter().map(|own| own.probability).collect();
+        assert_eq!(said, [None, Some(0.9), Some(0.6), None]);
+        assert_eq!(
+            (items[0].why.as_str(), items[0].victims.as_slice()),
+            ("it swings", &["B".to_string()][..])
+        );
     }
 
     #[test]
