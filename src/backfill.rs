@@ -8,9 +8,9 @@ mod past;
 pub use past::{Part, Past};
 
 use crate::alarm;
-use crate::diagnosis::{HistoryFound, Settings, gate::outages};
+use crate::diagnosis::{HistoryFound, Settings};
 use crate::results::{Judged, KnownEffect, Outcome, Results, Run, Structure, Summary, Trigger};
-use crate::signal::{BadReason, LoopId, Quality, Record, Sample};
+use crate::signal::{BadReason, Limits, LoopId, Quality, Record, Sample, are_measured, outages};
 
 /// Most windows of one timeline.
 pub const MOST_WINDOWS: usize = 100_000;
@@ -118,6 +118,9 @@ impl From<Record> for Marked {
 
 /// Sorts every part by time and marks drop-outs as bad; returns how many there are of OP and of PV.
 fn mark_drop_outs(past: &mut Past) -> [usize; 2] {
+    let times = past.parts.iter().flat_map(|part| &part.samples).map(|s| s.t).filter(|t| t.is_finite());
+    let end = times.fold(f64::NEG_INFINITY, f64::max);
+    let limits = [past.known.op_limits.map(|range| Limits { range, end }), None];
     let mut marked = [0, 0];
     for part in &mut past.parts {
         part.samples.sort_by(|a, b| a.t.total_cmp(&b.t));
@@ -127,12 +130,12 @@ fn mark_drop_outs(past: &mut Past) -> [usize; 2] {
             _ => continue,
         };
         let good: Vec<Sample> = part.samples.iter().filter(|s| s.quality.is_good()).copied().collect();
-        let outages = outages(&good);
-        for sample in &mut part.samples {
-            if sample.quality.is_good() && outages.contains(&sample.value) {
-                sample.quality = Quality::Bad(BadReason::LinkDown);
-                marked[at] += 1;
-            }
+        let lost: Vec<f64> = part.samples.iter().filter(|s| !s.quality.is_good()).map(|s| s.t).collect();
+        let are_measured = are_measured(&good, &outages(&good), limits[at], &lost);
+        let good = part.samples.iter_mut().filter(|s| s.quality.is_good());
+        for (sample, _) in good.zip(are_measured).filter(|(_, is_measured)| !is_measured) {
+            sample.quality = Quality::Bad(BadReason::LinkDown);
+            marked[at] += 1;
         }
     }
     marked

@@ -6,8 +6,10 @@ mod outages;
 mod span;
 
 pub use moment::moment;
-pub use outages::{LARGEST_VALUE, outages, quantile};
-pub use span::{MILLIAMPERES, Scale, SpanSource, figures, span_at_least, span_of_unit, told, trimmed};
+pub use outages::{AT_LIMIT, LARGEST_VALUE, Limits, are_measured, is_limit, outages, quantile};
+pub use span::{
+    MILLIAMPERES, Scale, SpanSource, along_op, figures, span_at_least, span_of_unit, told, trimmed,
+};
 use std::borrow::Cow;
 use std::fmt;
 use std::sync::Arc;
@@ -145,6 +147,11 @@ impl Sample {
     }
 }
 
+/// FNV-1a of these bytes, 64 bits: the same today and in every later version, so that it can be kept.
+pub fn fnv1a(bytes: impl Iterator<Item = u8>) -> u64 {
+    bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
+}
+
 /// Samples of one tag, in the order they arrived.
 pub type Series = Vec<Sample>;
 
@@ -173,9 +180,17 @@ pub struct Record {
     pub op_span_source: SpanSource,
     /// Whether the process integrates, where that is known: no verdict rests on it, some of the published methods do.
     pub integrates: Option<bool>,
+    /// What stands for where OP and PV are read: another place is another valve. `None` where nobody says.
+    pub source: Option<u64>,
 }
 
 impl Record {
+    /// The limits of OP, where they are known, and until when OP and PV go.
+    pub fn limits(&self) -> Option<Limits> {
+        let times = self.op.iter().chain(&self.pv).map(|own| own.t).filter(|t| t.is_finite());
+        Some(Limits { range: self.op_limits?, end: times.fold(f64::NEG_INFINITY, f64::max) })
+    }
+
     /// The term in force at a time (OP unit); 0 before the first.
     pub fn term_at(&self, t: f64) -> f64 {
         let terms = self.term.as_deref().unwrap_or_default();
@@ -191,6 +206,12 @@ impl Record {
         }
         let told = |own: &Sample| Sample { value: own.value + self.term_at(own.t), ..*own };
         Cow::Owned(self.op.iter().map(told).collect())
+    }
+
+    /// The share of a window's rows at which a term of write-back was in force (0..1).
+    pub fn compensated(&self, window: &Window) -> f64 {
+        let acted = |k: &usize| self.term_at(window.t0 + *k as f64 * window.ts) != 0.0;
+        (0..window.len()).filter(acted).count() as f64 / window.len().max(1) as f64
     }
 }
 

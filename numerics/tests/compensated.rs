@@ -2,6 +2,7 @@
 
 use stictiond_numerics::compensation::{Compensator, ConstantReinforcement, CrSettings};
 use stictiond_numerics::diagnosis::{Diagnosis, NotIdentifiable, Settings, Verdict, diagnose};
+use stictiond_numerics::residual::{self, trace_record};
 use stictiond_numerics::signal::{Record, Sample, Series};
 use stictiond_numerics::sim::plant::LoopSim;
 use stictiond_numerics::sim::{DemoLoop, demo_plant};
@@ -92,6 +93,26 @@ fn a_window_half_of_which_a_term_acted_on_is_one_valve() {
             found.reason
         );
     }
+}
+
+/// Tracing looks at a longer window, and takes friction for what nothing else explains.
+#[test]
+fn what_is_traced_beside_active_terms_is_never_told_to_be_sound() {
+    let mut traced = 0;
+    for demo in loops().iter().take(6) {
+        for from in [BEFORE, BEFORE - WITH] {
+            let (record, settings) = (compensated(demo, from), Settings::default());
+            let found = diagnose(&record, &settings);
+            let effects = trace_record(&record, &found, &settings, &residual::Settings::default());
+            let Some(effects) = effects else { continue };
+            let counts = effects.replaces_diagnosis();
+            let verdict = if counts { &effects.verdict } else { &found.verdict };
+            let said = format!("{} from {from}: {}; {}", demo.id, found.reason, effects.reason);
+            assert_ne!(*verdict, Verdict::NoStiction, "{said}");
+            traced += usize::from(counts);
+        }
+    }
+    assert!(traced >= 3, "{traced}: nothing was traced");
 }
 
 #[test]

@@ -28,6 +28,15 @@ fn drop_outs_are_marked_bad_and_kept_in_place() {
     assert_eq!(pv.len(), 600);
     let bad: Vec<f64> = pv.iter().filter(|s| !s.quality.is_good()).map(|s| s.t / 60.0).collect();
     assert_eq!(bad, (300..307).map(f64::from).collect::<Vec<_>>());
+    // An OP that shuts the valve keeps its zeros, where zero is known to be its limit.
+    let mut shut = with_a_drop_out(0);
+    shut.op[100..200].iter_mut().for_each(|s| s.value = 0.0);
+    assert_eq!(Marked::from(shut.clone()).drop_outs, [100, 0]);
+    shut.op_limits = Some((0.0, 100.0));
+    assert_eq!(Marked::from(shut.clone()).drop_outs, [0, 0]);
+    // One that is alone is what a logger wrote.
+    shut.op[400].value = 0.0;
+    assert_eq!(Marked::from(shut).drop_outs, [1, 0]);
     // A signal that lives around zero keeps its zeros.
     let mut around: Vec<f64> = (0..600).map(|k| (f64::from(k) * 0.1).sin()).collect();
     around[0] = 0.0;

@@ -1,6 +1,7 @@
 //! What the configuration file says about the diagnosis.
 
 use super::screen::LONGEST_DELAY;
+use super::verdict::least_samples;
 use super::{ReadingLimits, Settings};
 use serde::Deserialize;
 
@@ -56,7 +57,15 @@ impl Config {
         unless(ok, "evidence_threshold", format!("{evidence} must be a number from 0"));
         let (least, most) = (self.min_samples, self.window_samples);
         unless((50..=20_000).contains(&most), "window_samples", format!("{most} must be 50 to 20000"));
-        unless(least >= 50, "min_samples", format!("{least} must be at least 50"));
+        let delay = self.max_delay_samples;
+        let needed = least_samples(delay.clamp(1, LONGEST_DELAY));
+        unless(
+            least >= needed,
+            "min_samples",
+            format!(
+                "{least} must be at least {needed}: a fit with max_delay_samples = {delay} needs so many"
+            ),
+        );
         unless(
             least <= most,
             "min_samples",
@@ -68,7 +77,6 @@ impl Config {
             let ok = ts.is_finite() && ts > 0.0;
             unless(ok, "ts_s", format!("{ts} must be a number of seconds above 0"));
         }
-        let delay = self.max_delay_samples;
         unless(
             (1..=LONGEST_DELAY).contains(&delay),
             "max_delay_samples",
@@ -104,12 +112,26 @@ mod tests {
     }
 
     #[test]
+    fn no_fewer_samples_are_asked_for_than_a_fit_needs() {
+        let with = |min_samples, max_delay_samples| {
+            let config = Config { min_samples, max_delay_samples, ..Config::default() };
+            config.validate().into_iter().map(|(_, message)| message).collect::<Vec<_>>()
+        };
+        assert_eq!(
+            with(100, 10),
+            ["100 must be at least 139: a fit with max_delay_samples = 10 needs so many".to_string()]
+        );
+        assert!(with(139, 10).is_empty() && with(159, 30).is_empty());
+        assert_eq!((with(138, 10).len(), with(158, 30).len()), (1, 1));
+    }
+
+    #[test]
     fn every_bad_field_is_named_at_once() {
         let bad = Config {
             f_threshold_percent: f64::NAN,
             evidence_threshold: -1.0,
             window_samples: 49,
-            min_samples: 60,
+            min_samples: 200,
             max_gap_share: 1.0,
             ts_s: Some(0.0),
             max_delay_samples: LONGEST_DELAY + 1,

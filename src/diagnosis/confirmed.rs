@@ -3,7 +3,7 @@
 use super::friction::stick_slip;
 use super::rivals::Rival;
 use super::search::{CellPoint, Problem, Searcher};
-use super::verdict::{Prepared, best_d, with_history};
+use super::verdict::{Prepared, best_d};
 use super::{CurvePoint, Diagnosis, Estimate, Model, Residual, Verdict};
 use crate::sysid::stats::range;
 
@@ -15,7 +15,7 @@ const POINTS: usize = super::grid::GRID;
 pub struct Known {
     /// The verdict.
     pub verdict: Verdict,
-    /// The verdict in one line.
+    /// The verdict in one line, with what an archive did to the data.
     pub reason: String,
     /// Friction (OP unit).
     pub f: f64,
@@ -47,7 +47,7 @@ pub fn confirmed(prepared: Prepared, known: Known) -> Diagnosis {
         model: known.model,
         mv: stem(&problem, known.f / scale.u).iter().map(|x| x * scale.u + scale.u0).collect(),
     };
-    with_history(Diagnosis {
+    Diagnosis {
         verdict: known.verdict,
         reason: known.reason,
         preparation,
@@ -56,7 +56,7 @@ pub fn confirmed(prepared: Prepared, known: Known) -> Diagnosis {
         residual: Some(known.residual),
         window: Some(window),
         packed: None,
-    })
+    }
 }
 
 /// The stem of the paper's element.

@@ -7,7 +7,7 @@
 //! ```
 //!
 //! The rule `dAIC > 20` alone is won by chance or by one transient where the model is wrong anyway; so the gain
-//! must also be shared by the record: with the log-likelihood ratio summed over ten blocks, its mean must be
+//! must also be shared by the record: with the log-likelihood ratio summed over ten blocks of the rows that count, its mean must be
 //! [`STEADY`] standard errors above 0 (Vuong's test with blocks for the autocorrelation).
 //!
 //! f moves the instants at which the stem slips, so its likelihood is that of a threshold, not of a smooth
@@ -64,8 +64,10 @@ pub fn weigh(
     let by_armax = gain(sound.fit.loss, sticky.fit.loss) - paid;
     let by_long = gain(sound.long_loss, sticky.long_loss) - paid;
     let linear = by_armax.min(by_long);
-    let mut evidence =
-        Evidence { delta_aic: linear, rival: Rival::Linear, steadiness: steadiness(errors[0], errors[1]) };
+    // What does not count has no error, and would make the spread of those that count look smaller.
+    let [of_sound, of_sticky] = errors.map(|errors| p.counting(errors));
+    let steadiness = steadiness(&of_sound, &of_sticky);
+    let mut evidence = Evidence { delta_aic: linear, rival: Rival::Linear, steadiness };
     if linear < worth {
         return evidence;
     }

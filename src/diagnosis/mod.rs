@@ -13,6 +13,7 @@ pub mod gate;
 pub mod grid;
 pub mod history_kind;
 pub mod packed;
+mod preparation;
 pub mod prepare;
 pub mod region;
 pub mod rivals;
@@ -25,11 +26,12 @@ pub mod verdict;
 pub use acquisition::{Acquisition, Apart, Carried, ReadingLimits};
 pub use config::Config;
 pub use history_kind::{HistoryFound, HistoryKind};
+pub use preparation::{Denoise, Preparation};
 pub use verdict::diagnose;
 
 pub use crate::sysid::valve::model_error::{with_model_error, without_model_error};
 
-use crate::signal::{Window, figures};
+use crate::signal::{Role, Window, figures, moment};
 use rivals::Rival;
 use std::fmt;
 
@@ -82,10 +84,17 @@ pub enum NotIdentifiable {
     },
     /// The stamps give no sampling period (all equal, or not finite).
     NoTimeBase,
-    /// More missing or bad samples than allowed.
+    /// More missing or bad samples than allowed, or too few good ones left together.
     Gaps {
         /// Share missing (0..1).
         share: f64,
+    },
+    /// OP or PV is silent: what is remembered says nothing of the loop as it is now. The scheduler finds it, which has a clock.
+    Silent {
+        /// Which of the two.
+        tag: Role,
+        /// Stamp of its last good sample (s).
+        since: f64,
     },
     /// OP and PV are not read together: the controller acts between the two, and no stem can be told beside that.
     ReadApart {
@@ -101,7 +110,7 @@ pub enum NotIdentifiable {
     },
     /// OP does not move.
     FlatOp,
-    /// PV does not move.
+    /// PV stands still for most of the window, or its source marks it as stale.
     FlatPv,
     /// OP sits at a limit for too much of the window.
     Saturated {
@@ -110,8 +119,13 @@ pub enum NotIdentifiable {
     },
     /// The loop is never in automatic for long enough at a time.
     Manual {
-        /// Share in automatic (0..1).
+        /// Share of the time in automatic (0..1).
         share_auto: f64,
+    },
+    /// The mode cannot be read, so that the loop is not known to be in automatic for long enough at a time.
+    ModeUnknown {
+        /// Share of the time at which the mode is not known (0..1).
+        share: f64,
     },
     /// OP reverses too seldom or by too little to say anything about friction.
     NotExcited {
@@ -120,10 +134,12 @@ pub enum NotIdentifiable {
     },
     /// The oscillation has too few samples a period: another one is seen in its place.
     Undersampled {
-        /// Samples in one period.
+        /// Samples in one period; those of a running mean count as one.
         samples: f64,
-        /// The slowest poll that would do (s).
-        poll_s: f64,
+        /// The slowest poll that would do (s); `None` where a running mean alone leaves too few.
+        poll_s: Option<f64>,
+        /// Over how much time the running mean is, where PV is one (s).
+        mean_s: Option<f64>,
     },
     /// A term of write-back acted: it hides the friction, so that none to be seen says nothing.
     Compensated,
@@ -146,16 +162,18 @@ pub enum NotIdentifiable {
 
 impl NotIdentifiable {
     /// Every [`NotIdentifiable::code`].
-    pub const CODES: [&str; 17] = [
+    pub const CODES: [&str; 19] = [
         "too_short",
         "no_time_base",
         "gaps",
+        "silent",
         "read_apart",
         "ts_too_short",
         "flat_op",
         "flat_pv",
         "saturated",
         "manual",
+        "mode_unknown",
         "not_excited",
         "undersampled",
         "compensated",
@@ -172,12 +190,14 @@ impl NotIdentifiable {
             Self::TooShort { .. } => "too_short",
             Self::NoTimeBase => "no_time_base",
             Self::Gaps { .. } => "gaps",
+            Self::Silent { .. } => "silent",
             Self::ReadApart { .. } => "read_apart",
             Self::TsTooShort { .. } => "ts_too_short",
             Self::FlatOp => "flat_op",
             Self::FlatPv => "flat_pv",
             Self::Saturated { .. } => "saturated",
             Self::Manual { .. } => "manual",
+            Self::ModeUnknown { .. } => "mode_unknown",
             Self::NotExcited { .. } => "not_excited",
             Self::Undersampled { .. } => "undersampled",
             Self::Compensated => "compensated",
@@ -199,8 +219,12 @@ impl fmt::Display for NotIdentifiable {
                 let share = share * 100.0;
                 write!(
                     out,
-                    "gaps: {share:.0} % of the samples are missing or bad, and too few are left together"
+                    "gaps: {share:.0} % of the samples are missing or bad: too many, or too few are left together"
                 )
+            }
+            Self::Silent { tag, since } => {
+                let tag = tag.as_str().to_uppercase();
+                write!(out, "silent: no good sample of {tag} since {}", moment(*since))
             }
             Self::ReadApart { share } => write!(
                 out,
@@ -216,7 +240,10 @@ impl fmt::Display for NotIdentifiable {
                 samples_s = figures(*samples_s)
             ),
             Self::FlatOp => write!(out, "flat OP: the controller output does not move"),
-            Self::FlatPv => write!(out, "flat PV: the process variable does not move"),
+            Self::FlatPv => write!(
+                out,
+                "flat PV: the process variable stands still for most of the window, or its source marks it as stale"
+            ),
             Self::Saturated { share } => {
                 write!(out, "saturated: OP at a limit for {:.0} % of the window", share * 100.0)
             }
@@ -228,6 +255,12 @@ impl fmt::Display for NotIdentifiable {
                     share_auto * 100.0
                 )
             }
+            Self::ModeUnknown { share } => write!(
+                out,
+                "mode unknown: the mode cannot be read for {:.0} % of the window, and the loop is not known to be in automatic for long \
+                 enough at a time",
+                share * 100.0
+            ),
             Self::NotExcited { reversals } => {
                 let times = if *reversals == 1 { "time" } else { "times" };
                 write!(
@@ -235,11 +268,15 @@ impl fmt::Display for NotIdentifiable {
                     "not excited: OP reverses {reversals} {times} by more than its noise, but hardly ever by enough for friction to show"
                 )
             }
-            Self::Undersampled { samples, poll_s } => write!(
-                out,
-                "undersampled: {samples:.1} samples per period, ten are needed: poll at least every {} s",
-                rounded_down(*poll_s)
-            ),
+            Self::Undersampled { samples, poll_s, mean_s } => {
+                write!(out, "undersampled: {samples:.1} samples per period, ten are needed: ")?;
+                let poll = poll_s.map(|poll_s| format!("poll at least every {} s", rounded_down(poll_s)));
+                let mean = mean_s.map(|mean_s| {
+                    let mean_s = figures(mean_s);
+                    format!("PV is a running mean over {mean_s} s, which counts as one sample: keep no means")
+                });
+                write!(out, "{}", poll.into_iter().chain(mean).collect::<Vec<_>>().join("; "))
+            }
             Self::Compensated => {
                 write!(out, "compensated: a term of write-back acted, and hides the friction that is left")
             }
@@ -295,72 +332,6 @@ impl Verdict {
             Self::NotIdentifiable(_) => "not_identifiable",
         }
     }
-}
-
-/// How the record became the window that was fitted.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Preparation {
-    /// Time of the first fitted sample (s).
-    pub start: f64,
-    /// Time of the last fitted sample (s).
-    pub end: f64,
-    /// Samples fitted.
-    pub n: usize,
-    /// Sample period of the fitted window (s).
-    pub ts: f64,
-    /// Share of the gated record's rows that were missing or bad (0..1).
-    pub gap_share: f64,
-    /// Share of the fitted window's rows that are missing and do not count (0..1).
-    pub missing: f64,
-    /// Worst time between an OP sample and the PV sample it is paired with (s).
-    pub worst_skew: f64,
-    /// How far apart OP and PV of the gated record's rows were read.
-    pub read_apart: Apart,
-    /// How much closer than the samples the rows of a given period are, if they are.
-    pub carried: Option<Carried>,
-    /// By which limits that is too far, or too much.
-    pub reading: ReadingLimits,
-    /// Samples dropped because their stamp repeats an earlier one.
-    pub duplicates: usize,
-    /// Samples that arrived out of order and were sorted in.
-    pub out_of_order: usize,
-    /// Low-pass decimation factor (1: none).
-    pub decimation: usize,
-    /// Whether wavelet denoising was applied, and to how much noise.
-    pub denoise: Denoise,
-    /// What an archive did to the record before it came here.
-    pub history: Option<Box<HistoryFound>>,
-    /// Share of the fitted window at which a term of write-back was in force (0..1).
-    pub compensated: f64,
-    /// Least f that counts as stiction: of the span, or of what OP covered where the span is not known (OP unit).
-    pub f_threshold: f64,
-    /// How the record was acquired; `None` where its stamps do not say.
-    pub acquisition: Option<Box<Acquisition>>,
-}
-
-impl Preparation {
-    /// Why the record cannot say that a valve does not stick, nor how much it may: OP and PV of too many rows were read apart. What
-    /// the controller did in between explains PV without any stem, so that a bound from such rows is too low.
-    pub fn apart(&self) -> Option<NotIdentifiable> {
-        let Apart { share, .. } = self.read_apart;
-        let is_too_far = self.read_apart.is_too_far(self.decimation, self.reading);
-        is_too_far.then_some(NotIdentifiable::ReadApart { share })
-    }
-
-    /// Why the record says nothing of the rows that were asked for: too many repeat a reading, and each would count as evidence.
-    pub fn too_close(&self) -> Option<NotIdentifiable> {
-        let carried = self.carried.filter(|carried| carried.is_too_much(self.decimation, self.reading))?;
-        Some(NotIdentifiable::TsTooShort { ts: carried.ts, samples_s: carried.samples_s })
-    }
-}
-
-/// What the denoising stage did.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Denoise {
-    /// True when the soft threshold was applied.
-    pub applied: bool,
-    /// Noise sd of OP as a share of its sd (-).
-    pub noise_share: f64,
 }
 
 /// The most regular oscillation found in OP.

@@ -112,6 +112,12 @@ impl Problem {
         self.holes.left_out.iter().for_each(|k| values[k - self.first] = 0.0);
     }
 
+    /// The values of the samples that count, out of one value for each sample from the first on.
+    pub fn counting(&self, values: &[f64]) -> Vec<f64> {
+        let counts = |k: usize| self.holes.left_out.binary_search(&(self.first + k)).is_err();
+        values.iter().enumerate().filter(|(k, _)| counts(*k)).map(|(_, value)| *value).collect()
+    }
+
     /// The signals of a fit with the given stem position.
     pub fn signals<'s>(&'s self, x: &'s [f64], dir: &'s [f64]) -> Signals<'s> {
         let rows = self.holes.within(self.y.len());

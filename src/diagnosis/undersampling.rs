@@ -4,7 +4,7 @@
 //! mirror image about half the sampling frequency (Shannon, Proc. IRE 1949, 37, 10). A running mean over several samples is
 //! worth one of them.
 
-use super::{HistoryFound, HistoryKind, NotIdentifiable};
+use super::{HistoryKind, NotIdentifiable, Preparation};
 use crate::sysid::spectrum;
 use crate::sysid::stats::mean;
 
@@ -33,25 +33,27 @@ fn samples_a_period(op: &[f64]) -> Option<f64> {
     (total > 0.0 && line > OF_POWER * total).then(|| n / at as f64)
 }
 
-/// Whether the samples are too few for the oscillation of OP: `unexcited`, where OP shows no reversals.
-pub fn too_few(
-    op: &[f64],
-    ts: f64,
-    history: Option<&HistoryFound>,
-    unexcited: bool,
-) -> Option<NotIdentifiable> {
-    // What enters a running mean leaves it so many samples later.
-    let averaged = history.filter(|found| found.kind == HistoryKind::Averaged);
-    let one = averaged.map_or(1.0, |found| found.evidence[1].max(1.0));
-    let samples = samples_a_period(op)?;
+/// Over how much time PV is a running mean (s), where it is one over more than a row: what enters it leaves it so much later.
+fn mean_s(preparation: &Preparation) -> Option<f64> {
+    let averaged = preparation.history.as_ref().filter(|found| found.kind == HistoryKind::Averaged)?;
+    let polls = preparation.acquisition.as_ref().and_then(|found| found.poll_s)?;
+    Some(averaged.evidence[1] * polls).filter(|mean_s| *mean_s > preparation.ts)
+}
+
+/// Whether the rows of a prepared window are too few for the oscillation of its `op`: `unexcited`, where OP shows no reversals.
+pub fn too_few(op: &[f64], preparation: &Preparation, unexcited: bool) -> Option<NotIdentifiable> {
+    let (rows, ts, mean_s) = (samples_a_period(op)?, preparation.ts, mean_s(preparation));
+    let samples = mean_s.map_or(rows, |mean_s| rows * ts / mean_s);
     let limit = if unexcited { FEW } else { LEAST };
-    (samples / one < limit)
-        .then(|| NotIdentifiable::Undersampled { samples: samples / one, poll_s: samples * ts / FEW })
+    // Rows that are enough by themselves need no faster poll.
+    let poll_s = Some(rows * ts / FEW).filter(|_| mean_s.is_none() || rows < FEW);
+    (samples < limit).then_some(NotIdentifiable::Undersampled { samples, poll_s, mean_s })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnosis::{Acquisition, HistoryFound};
     use crate::signal::Role;
     use std::f64::consts::TAU;
 
@@ -61,28 +63,73 @@ mod tests {
             .collect()
     }
 
+    /// Rows of a period `ts`, of polls a second apart whose PV is a running mean over so many of them, if it is one.
+    fn rows(ts: f64, averaged: Option<f64>) -> Preparation {
+        let mean =
+            |polls| HistoryFound { kind: HistoryKind::Averaged, role: Role::Pv, evidence: [-0.5, polls] };
+        let acquisition = Acquisition { poll_s: Some(1.0), ..Acquisition::default() };
+        Preparation {
+            ts,
+            history: averaged.map(|polls| Box::new(mean(polls))),
+            acquisition: Some(Box::new(acquisition)),
+            ..Preparation::default()
+        }
+    }
+
     #[test]
     fn a_line_of_two_samples_a_period_is_named_with_the_poll_it_needs() {
-        let found = too_few(&sine(2.2), 180.0, None, false);
-        let Some(NotIdentifiable::Undersampled { samples, poll_s }) = found else { panic!("{found:?}") };
+        let found = too_few(&sine(2.2), &rows(180.0, None), false);
+        let Some(NotIdentifiable::Undersampled { samples, poll_s: Some(poll_s), mean_s: None }) = found
+        else {
+            panic!("{found:?}")
+        };
         assert!((samples - 2.2).abs() < 0.01 && (poll_s - 39.6).abs() < 0.2, "{samples} {poll_s}");
-        assert_eq!(too_few(&sine(7.0), 1.0, None, false), None);
-        assert!(too_few(&sine(7.0), 1.0, None, true).is_some());
-        assert_eq!(too_few(&sine(12.0), 1.0, None, true), None);
+        assert_eq!(
+            NotIdentifiable::Undersampled { samples, poll_s: Some(poll_s), mean_s: None }.to_string(),
+            "undersampled: 2.2 samples per period, ten are needed: poll at least every 39 s"
+        );
+        assert_eq!(too_few(&sine(7.0), &rows(1.0, None), false), None);
+        assert!(too_few(&sine(7.0), &rows(1.0, None), true).is_some());
+        assert_eq!(too_few(&sine(12.0), &rows(1.0, None), true), None);
     }
 
     #[test]
     fn a_running_mean_is_worth_one_sample() {
-        let averaged = HistoryFound { kind: HistoryKind::Averaged, role: Role::Pv, evidence: [-0.5, 12.0] };
-        assert!(too_few(&sine(30.0), 1.0, Some(&averaged), false).is_some());
-        assert_eq!(too_few(&sine(60.0), 1.0, Some(&averaged), false), None);
+        assert!(too_few(&sine(30.0), &rows(1.0, Some(12.0)), false).is_some());
+        assert_eq!(too_few(&sine(60.0), &rows(1.0, Some(12.0)), false), None);
+    }
+
+    #[test]
+    fn a_running_mean_is_counted_in_rows() {
+        // A mean over 20 polls is over four rows of 5 s: of 30 rows a period 7.5 are left.
+        assert_eq!(too_few(&sine(30.0), &rows(5.0, Some(20.0)), false), None);
+        // Within a row it takes nothing.
+        assert_eq!(too_few(&sine(4.5), &rows(30.0, Some(20.0)), false), None);
+    }
+
+    #[test]
+    fn where_a_mean_alone_leaves_too_few_no_faster_poll_is_asked_for() {
+        let found = too_few(&sine(200.0), &rows(1.0, Some(60.0)), false).expect("too few");
+        assert_eq!(
+            found.to_string(),
+            "undersampled: 3.3 samples per period, ten are needed: PV is a running mean over 60 s, which counts as one sample: \
+             keep no means"
+        );
+        // Rows that would be too few without it need both.
+        let found = too_few(&sine(6.0), &rows(5.0, Some(20.0)), false).expect("too few");
+        let said = found.to_string();
+        assert!(
+            said.contains("ten are needed: poll at least every ") && said.ends_with("keep no means"),
+            "{said}"
+        );
     }
 
     #[test]
     fn noise_and_nothing_are_no_line() {
         let noise: Vec<f64> = (0..500).map(|k| (0.7 * (k * k) as f64).sin()).collect();
-        assert_eq!(too_few(&noise, 1.0, None, true), None);
-        assert_eq!(too_few(&[], 1.0, None, true), None);
-        assert_eq!(too_few(&[1.0; 300], 1.0, None, true), None);
+        let all: [&[f64]; 3] = [&noise, &[], &[1.0; 300]];
+        for values in all {
+            assert_eq!(too_few(values, &rows(1.0, None), true), None);
+        }
     }
 }

@@ -18,7 +18,7 @@ use super::{
     CurvePoint, Diagnosis, Estimate, Model, NotIdentifiable, Oscillation, Preparation, Settings, Verdict,
 };
 use super::{armax, gate, validation};
-use crate::signal::{Record, Row, Window, span_at_least, told};
+use crate::signal::{Record, Row, Window, along_op, span_at_least, told};
 use crate::sysid::stats::{mean, median, normalised, quantile, range, sd};
 use crate::sysid::valve::model_error::with_model_error;
 
@@ -37,13 +37,47 @@ pub fn diagnose(record: &Record, settings: &Settings) -> Diagnosis {
 }
 
 /// Says what an archive did to the data.
-pub fn with_history(mut found: Diagnosis) -> Diagnosis {
-    if let Some(history) = &found.preparation.history {
-        // Measured on simulated loops: docs/backfill.md. It is said, and changes no verdict.
-        let kind = history.kind.as_str();
-        found.reason += &format!("; the data is not raw ({kind}): f reads low, and sticking may go unseen");
-    }
+fn with_history(mut found: Diagnosis) -> Diagnosis {
+    found.reason += &of_archive(&found.preparation);
     found
+}
+
+/// What a reason ends with where an archive changed the data; else nothing. Measured on simulated loops: docs/backfill.md. It is said,
+/// and changes no verdict.
+pub fn of_archive(preparation: &Preparation) -> String {
+    preparation.history.as_ref().map_or_else(String::new, |history| {
+        let kind = history.kind.as_str();
+        format!("; the data is not raw ({kind}): f reads low, and sticking may go unseen")
+    })
+}
+
+/// What a reason of `no_stiction` leaves possible: the upper end of the interval of f (OP unit).
+pub fn could_be_hidden(f: f64, span: Option<f64>) -> String {
+    format!("; f up to {} could be hidden", along_op(f, span))
+}
+
+/// The reason of a diagnosis without what it ends with: what the record could hide, and what an archive did to it. `span`: that of
+/// OP, where it is known (OP unit).
+pub fn bare_reason(found: &Diagnosis, span: Option<f64>) -> &str {
+    let archive = of_archive(&found.preparation);
+    let reason = found.reason.strip_suffix(archive.as_str()).unwrap_or(&found.reason);
+    let bound = found.estimate.as_ref().map(|e| could_be_hidden(e.f_ci95[1], span));
+    bound.and_then(|bound| reason.strip_suffix(bound.as_str())).unwrap_or(reason)
+}
+
+/// Why friction with enough evidence is not told: its f is below the threshold, or its interval reaches 0. `f`, and the lower end of
+/// its interval (OP unit).
+pub fn not_told(evidence: f64, [f, low]: [f64; 2], span: Option<f64>) -> String {
+    let but = match low > 0.0 {
+        true => format!("its f of {} is too small to matter", along_op(f, span)),
+        false => "f may be 0".to_string(),
+    };
+    format!("friction predicts PV better, evidence {evidence:.0}, but {but}")
+}
+
+/// Fewest samples that a record needs for a fit with this longest delay (samples), if OP turns at its first.
+pub fn least_samples(max_delay: usize) -> usize {
+    Screen::lead(max_delay) + LEAST_ROWS
 }
 
 /// A record that can be fitted.
@@ -82,9 +116,8 @@ pub fn prepared(record: &Record, settings: &Settings) -> Result<Prepared, Box<Di
         return stop(reason, preparation, None, None);
     }
     let n = window.len();
-    let acted = |k: &usize| record.term_at(window.t0 + *k as f64 * window.ts) != 0.0;
-    preparation.compensated = (0..n).filter(acted).count() as f64 / n.max(1) as f64;
-    let few = |unexcited| too_few(&window.op, window.ts, preparation.history.as_deref(), unexcited);
+    preparation.compensated = record.compensated(&window);
+    let few = |unexcited| too_few(&window.op, &preparation, unexcited);
     if let Some(reason) = few(false) {
         // The period that is seen is not the one that is there.
         return stop(reason, preparation, None, Some(window));
@@ -150,8 +183,12 @@ fn judge(record: &Record, settings: &Settings) -> Diagnosis {
         model: model(&chosen, &scale),
         mv: stem.iter().map(|x| x * scale.u + scale.u0).collect(),
     };
-    let reason =
-        explain(&verdict, &estimate, weighed.as_ref().map(|(_, e)| e), span.map(|span| 100.0 / span));
+    let tried = weighed.as_ref().map(|(sticky, evidence)| Tried {
+        evidence,
+        f: sticky.f * scale.u,
+        low: within(problem, &preparation, &cells, sticky)[0] * scale.u,
+    });
+    let reason = explain(&verdict, &estimate, tried, settings.evidence_threshold, span);
     let residual = Some(validation::validate(problem, &chosen, scale.y));
     Diagnosis {
         verdict,
@@ -189,15 +226,12 @@ fn verdict_of(
     }
 }
 
-/// The interval of f. Where OP and PV were read apart, OP at the time of PV is as far from what was read as it moves from one row
-/// to the next where it moves fast.
+/// The interval of f, wider by the fast steps of OP instead of its median step where the controller may have acted unseen.
 fn within(p: &Problem, preparation: &Preparation, cells: &[CellPoint], sticky: &Refined) -> [f64; 2] {
     let [low, high] = interval(p, cells, sticky);
-    if preparation.apart().is_none() {
-        return [low, high];
-    }
+    let Some(fast) = preparation.unseen_moves() else { return [low, high] };
     let steps: Vec<f64> = p.u.windows(2).map(|w| (w[1] - w[0]).abs()).collect();
-    let more = quantile(&steps, preparation.reading.fast) - median(&steps);
+    let more = quantile(&steps, fast) - median(&steps);
     [(low - more).max(0.0), high + more]
 }
 
@@ -221,7 +255,7 @@ pub struct Scale {
 /// The search problem of a prepared window.
 ///
 /// # Errors
-/// Too few reversals of OP, or values that no sum can hold.
+/// Too few reversals of OP, too few rows that count behind the first of them, or values that no sum can hold.
 pub fn pose(
     window: &Window,
     region: &Region,
@@ -238,9 +272,8 @@ pub fn pose(
     };
     let max_delay = settings.max_delay.clamp(1, LONGEST_DELAY);
     let first = start.index + Screen::lead(max_delay);
-    let left_out = window.rows.iter().skip(first).filter(|row| **row != Row::Counts).count();
-    if first + left_out + LEAST_ROWS > n {
-        return Err(not_excited);
+    if let Some(reason) = shortage(window, first) {
+        return Err(reason);
     }
     let scale = Scale { u0: mean(&window.op), u: sd(&window.op), y: sd(&window.pv) };
     if !(scale.u.is_finite() && scale.y.is_finite() && scale.u > 0.0 && scale.y > 0.0) {
@@ -250,6 +283,25 @@ pub fn pose(
     let f_top = largest_reversal(&u, start);
     let (y, holes) = (normalised(&window.pv, mean(&window.pv), scale.y), Holes::of(window, first));
     Ok((Problem { y, u, start, first, max_delay, f_top, holes }, scale))
+}
+
+/// Why too few rows count from row `first` on, where they are too few: there are no more, or those that do not count would have
+/// been enough, at a limit or missing.
+fn shortage(window: &Window, first: usize) -> Option<NotIdentifiable> {
+    let (n, need) = (window.len(), first + LEAST_ROWS);
+    let count = |rows: &[Row], worth: Row| rows.iter().filter(|row| **row == worth).count();
+    let after = window.rows.get(first..).unwrap_or_default();
+    let (silent, missing) = (count(after, Row::Silent), count(after, Row::Missing));
+    if need + silent + missing <= n {
+        return None;
+    }
+    Some(if need > n {
+        NotIdentifiable::TooShort { n: n - silent - missing, need }
+    } else if silent > missing {
+        NotIdentifiable::Saturated { share: count(&window.rows, Row::Silent) as f64 / n as f64 }
+    } else {
+        NotIdentifiable::Gaps { share: window.missing() }
+    })
 }
 
 /// Why a record without evidence for friction says nothing against it either.
@@ -310,32 +362,49 @@ fn model(chosen: &Refined, scale: &Scale) -> Model {
     }
 }
 
-/// The verdict in one line; `percent` turns f into % of OP span where the span is known.
-fn explain(verdict: &Verdict, e: &Estimate, evidence: Option<&Evidence>, percent: Option<f64>) -> String {
-    let Some(w) = evidence else { return "OP never reverses by enough for friction to hold the stem".into() };
-    let (per, unit) = percent.map_or((1.0, ""), |p| (p, " % OP"));
-    match verdict {
-        Verdict::Stiction => format!(
-            "f = {}{unit} [{}, {}], evidence {:.0}; next best explanation: {}",
-            told(e.f * per),
-            told(e.f_ci95[0] * per),
-            told(e.f_ci95[1] * per),
-            w.delta_aic,
+/// Friction as it was weighed.
+struct Tried<'a> {
+    evidence: &'a Evidence,
+    /// f of the sticky model (OP unit).
+    f: f64,
+    /// The lower end of its interval (OP unit).
+    low: f64,
+}
+
+/// The verdict in one line. `tried`: friction, where OP let any be weighed; `least`: evidence above which it is told; `span`: that
+/// of OP, where it is known (OP unit).
+fn explain(
+    verdict: &Verdict,
+    e: &Estimate,
+    tried: Option<Tried<'_>>,
+    least: f64,
+    span: Option<f64>,
+) -> String {
+    let bound = could_be_hidden(e.f_ci95[1], span);
+    let Some(Tried { evidence: w, f, low }) = tried else {
+        return format!("OP never reverses by enough for friction to hold the stem{bound}");
+    };
+    // As published: evidence below 0 is none.
+    let evidence = format!("evidence {:.0}", e.delta_aic);
+    if *verdict == Verdict::Stiction {
+        let (per, unit) = span.map_or((1.0, ""), |span| (100.0 / span, " % OP"));
+        let [f, low, high] = [e.f, e.f_ci95[0], e.f_ci95[1]].map(|f| told(f * per));
+        return format!(
+            "f = {f}{unit} [{low}, {high}], {evidence}; next best explanation: {}",
             w.rival.name()
-        ),
-        _ => {
-            // As published: evidence below 0 is none.
-            let evidence = format!("evidence {:.0}", e.delta_aic);
-            let why = if w.rival != Rival::Linear {
-                format!("{} explains the record about as well as friction, {evidence}", w.rival.name())
-            } else if w.steadiness <= STEADY {
-                format!("no steady gain from friction, {evidence}, steadiness {:.1}", w.steadiness)
-            } else {
-                format!("no friction needed, {evidence}")
-            };
-            format!("{why}; f up to {}{unit} could be hidden", told(e.f_ci95[1] * per))
-        }
+        );
     }
+    let is_enough = w.delta_aic > least;
+    let why = if !is_enough && w.rival != Rival::Linear {
+        format!("{} explains the record about as well as friction, {evidence}", w.rival.name())
+    } else if w.steadiness <= STEADY {
+        format!("no steady gain from friction, {evidence}, steadiness {:.1}", w.steadiness)
+    } else if is_enough {
+        not_told(e.delta_aic, [f, low], span)
+    } else {
+        format!("no friction needed, {evidence}")
+    };
+    why + &bound
 }
 
 fn refused(
@@ -351,3 +420,6 @@ fn refused(
         ..Diagnosis::bare(Verdict::NotIdentifiable(reason.clone()), reason.to_string())
     }
 }
+
+#[cfg(test)]
+mod tests;

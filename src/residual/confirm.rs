@@ -3,8 +3,8 @@
 //! A structure is what a search finds and a fit takes as given: friction or none, the kind of valve, effects that last. On a new
 //! window all coefficients, S and J are fitted anew. The structure holds where
 //!
-//! 1. friction is told as before: a valve has the evidence that a verdict asks for, and its f is nearly the last one's or does
-//!    not differ from it significantly, or, where there was none, no valve of the grid is likelier,
+//! 1. friction is told as before: PV answers OP, a valve has the evidence that a verdict asks for, and its f is nearly the last
+//!    one's or does not differ from it significantly, or, where there was none, no valve of the grid is likelier,
 //! 2. the residual fails no test that it passed when the structure was found (each is failed by chance once in a hundred), and
 //!    all its effects are still needed; or no effect beside it is likelier than none, and a whole search finds no valve where
 //!    there was none,
@@ -33,8 +33,8 @@ use super::trace::{Outcome, friction, iddata_beside, slip_jump};
 use super::valve_search::{Effort, Found, search};
 use super::{Settings, settings_of, window};
 use crate::diagnosis::confirmed::{Known, confirmed};
-use crate::diagnosis::verdict::{Prepared, prepared, unanswered, with_history};
-use crate::diagnosis::{self, Diagnosis, Verdict};
+use crate::diagnosis::verdict::{Prepared, prepared, unanswered};
+use crate::diagnosis::{self, Diagnosis, NotIdentifiable, Verdict};
 use crate::signal::{Record, Window};
 use crate::sysid::iddata::IdData;
 use crate::sysid::valve::ValveModel;
@@ -62,10 +62,11 @@ pub fn confirm(
     };
     let whole = window(record, &bare, diagnosed)?;
     let age = whole.t0 + whole.len() as f64 * whole.ts - last.searched;
-    if !(0.0..LASTS_S).contains(&age) || bare.preparation.compensated > 0.0 || whole.mv.is_some() {
+    let settings = settings_of(record, [&whole, bare.window.as_ref().unwrap_or(&whole)], diagnosed, settings);
+    let compensated = bare.preparation.compensated > 0.0 || settings.compensated > 0.0;
+    if !(0.0..LASTS_S).contains(&age) || compensated || whole.mv.is_some() {
         return None;
     }
-    let settings = settings_of(record, bare.window.as_ref().unwrap_or(&whole), diagnosed, settings);
     let (data, facts) = assessed(&whole, &settings, last)?;
     let outcome = fitted(&data, facts, last)?;
     // Friction was asked, or is known not to show.
@@ -92,7 +93,7 @@ pub fn confirm(
     findings.structure = Some(Structure { failed, confirmed, searched, asked, ..findings.structure.take()? });
     let diagnosis = match (prepared, &bare.verdict) {
         (Ok(prepared), Verdict::Stiction | Verdict::NoStiction) => confirmed_as(prepared, bare, &findings),
-        _ => with_history(Diagnosis { reason: findings.reason.clone(), ..bare }),
+        _ => Diagnosis { reason: findings.reason.clone(), ..bare },
     };
     Some((diagnosis, findings))
 }
@@ -115,16 +116,18 @@ fn confirmed_as(prepared: Prepared, bare: Diagnosis, findings: &Findings) -> Dia
     confirmed(prepared, known)
 }
 
-/// What a diagnosis says where friction is as it was.
+/// What a diagnosis says where friction is as it was. A valve whose OP PV does not answer is not told to stick: a search decides.
 fn standing(prepared: &Prepared, last: &Structure) -> Diagnosis {
-    let asked = || unanswered(&prepared.problem, &prepared.region);
-    let (verdict, reason) = match last.valve.is_none().then(asked).flatten() {
-        None if last.valve.is_some() => (Verdict::Stiction, String::new()),
+    let why = unanswered(&prepared.problem, &prepared.region);
+    let why = match last.valve {
+        // Friction that is found needs no more turns of OP.
+        Some(_) => why.filter(|why| *why == NotIdentifiable::NoResponse),
+        None => why.or_else(|| prepared.preparation.apart()),
+    };
+    let (verdict, reason) = match why {
         Some(why) => (Verdict::NotIdentifiable(why.clone()), why.to_string()),
-        None => match prepared.preparation.apart() {
-            Some(why) => (Verdict::NotIdentifiable(why.clone()), why.to_string()),
-            None => (Verdict::NoStiction, String::new()),
-        },
+        None if last.valve.is_some() => (Verdict::Stiction, String::new()),
+        None => (Verdict::NoStiction, String::new()),
     };
     let (preparation, window) = (prepared.preparation.clone(), Some(prepared.window.clone()));
     Diagnosis { preparation, window, ..Diagnosis::bare(verdict, reason) }
@@ -271,7 +274,43 @@ fn needed(data: &IdData, best: &Fitted) -> Result<Vec<(Evidence, f64)>, usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::signal::Sample;
     use crate::sysid::valve::model_error::with_model_error;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// OP that swings and wanders, and a PV behind a dead band of 1 that follows by this gain.
+    fn record(gain: f64, seed: u64) -> Record {
+        let mut draw = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(seed));
+        let mut next = || -> f64 { draw.next().unwrap_or(0.0) };
+        let (mut wander, mut stem, mut y) = (0.0, 0.0f64, 0.0);
+        let mut record = Record { op_span: Some(100.0), ..Record::default() };
+        for t in (0..1500).map(f64::from) {
+            wander = 0.9 * wander + 0.4 * next();
+            let swing = 5.0 * (0.11 * t).sin() + wander;
+            y = 0.8 * y + 0.2 * gain * stem;
+            stem = stem.clamp(swing - 0.5, swing + 0.5);
+            record.op.push(Sample::good(t, 50.0 + swing));
+            record.pv.push(Sample::good(t, 20.0 + y + 0.05 * next()));
+        }
+        record
+    }
+
+    #[test]
+    fn a_valve_whose_op_pv_does_not_answer_is_not_taken_to_stick_as_before() {
+        let valve = Some(ValveModel { s: 1.0, ..ValveModel::default() });
+        let last = Structure { valve, ..Structure::default() };
+        let told = |gain: f64, verdict: &Verdict| {
+            let said = |seed| {
+                let prepared = prepared(&record(gain, seed), &diagnosis::Settings::default());
+                standing(&prepared.expect("it can be fitted"), &last).verdict
+            };
+            (1..6).filter(|seed| said(*seed) == *verdict).count()
+        };
+        assert_eq!(told(1.0, &Verdict::Stiction), 5);
+        // Noise alone seems to answer in one record of forty.
+        assert!(told(0.0, &Verdict::NotIdentifiable(NotIdentifiable::NoResponse)) >= 4);
+    }
 
     #[test]
     fn f_stays_within_a_tenth_or_within_what_two_windows_can_tell() {

@@ -25,7 +25,7 @@ pub enum Kind {
     StaticNonlinearity,
     /// Kinetic lag: S and J differ.
     SlipJump,
-    /// Friction differs between opening and closing.
+    /// Friction differs by direction.
     AsymmetricFriction,
     /// Friction changes over the window.
     FrictionDrift,
@@ -293,9 +293,9 @@ pub enum Lasting {
         /// Whether it holds the stem itself, which then leaves it only when the force has turned.
         held: bool,
     },
-    /// Friction that differs between opening and closing.
+    /// Friction that differs by direction.
     AsymmetricFriction {
-        /// S is `S (1 + asymmetry)` where the stem closes, `S (1 - asymmetry)` where it opens (-).
+        /// S is `S (1 + asymmetry)` where OP falls, `S (1 - asymmetry)` where it rises (-).
         asymmetry: f64,
     },
 }
@@ -375,7 +375,10 @@ impl Findings {
             Verdict::Stiction | Verdict::NoStiction => true,
             Verdict::NotIdentifiable(why) => {
                 use NotIdentifiable::*;
-                matches!(why, HiddenFriction { .. } | NoResponse | StemNotFollowed | ReadApart { .. })
+                matches!(
+                    why,
+                    HiddenFriction { .. } | NoResponse | StemNotFollowed | ReadApart { .. } | Compensated
+                )
             }
         }
     }

@@ -127,7 +127,8 @@ impl Hypothesis {
         shapes
     }
 
-    /// Sum of the rates of OP's coefficients beside a stem; without friction the stem is OP, and they are no others than its.
+    /// Sum of the rates of OP's coefficients beside a stem. Without friction the stem is OP and they are further lags of it, which
+    /// are not charged: what friction is compared with may answer OP as freely as what has friction.
     pub fn direct_rate(&self, data: &IdData) -> f64 {
         if self.valve.is_some() { REGULAR * direct_lags(data) as f64 } else { 0.0 }
     }

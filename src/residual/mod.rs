@@ -37,7 +37,7 @@ pub use findings::{
     Curves, Effect, Evidence, Findings, Friction, Kind, Lasting, Parameter, Stem, Structure, Test,
 };
 
-use crate::diagnosis::{self, Diagnosis, gate, prepare};
+use crate::diagnosis::{self, Diagnosis, NotIdentifiable, Verdict, gate, prepare};
 use crate::signal::{Record, Window, span_at_least};
 
 /// How far to trace.
@@ -55,6 +55,8 @@ pub struct Settings {
     pub op_span: Option<f64>,
     /// S/2 and J of the valve, where they are known (OP unit): the search begins there, too.
     pub friction: Option<(f64, Option<f64>)>,
+    /// Share of the traced window at which a term of write-back was in force (0..1): it hides friction.
+    pub compensated: f64,
 }
 
 impl Default for Settings {
@@ -66,6 +68,7 @@ impl Default for Settings {
             only: None,
             op_span: None,
             friction: None,
+            compensated: 0.0,
         }
     }
 }
@@ -74,8 +77,15 @@ impl Default for Settings {
 const MOST_SAMPLES: usize = 2000;
 
 /// The window to trace: the whole gated record where the diagnosis looks at its most regular stretch only, since a change
-/// outside that stretch is an effect too; at its sample period, and at most 2,000 samples about its window.
+/// outside that stretch is an effect too; at its sample period, and at most 2,000 samples about its window. `None` where the gate
+/// lets none pass, or its rows are no samples of the loop as it moves.
 pub fn window(record: &Record, diagnosis: &Diagnosis, settings: &diagnosis::Settings) -> Option<Window> {
+    use NotIdentifiable::{TsTooShort, Undersampled};
+    // A repeated reading would count as evidence, and of an oscillation that is too fast another one is seen: no model of such
+    // rows says anything.
+    if let Verdict::NotIdentifiable(TsTooShort { .. } | Undersampled { .. }) = &diagnosis.verdict {
+        return None;
+    }
     let (gated, _) = gate::gate(record, settings).ok()?;
     let factor = diagnosis.preparation.decimation.max(1);
     let whole = if factor > 1 { prepare::decimate(&gated, factor) } else { gated };
@@ -99,15 +109,15 @@ pub fn trace_record(
 ) -> Option<Findings> {
     let window = window(record, diagnosis, diagnosed)?;
     let covered = diagnosis.window.as_ref().unwrap_or(&window);
-    let settings = settings_of(record, covered, diagnosed, settings);
+    let settings = settings_of(record, [&window, covered], diagnosed, settings);
     trace(&window, diagnosis, &settings)
 }
 
-/// The settings for a record whose diagnosis looked at the window `covered`: thresholds are per cent of OP's span there and OP
-/// units here; one record has one, whatever window is traced.
+/// The settings for the window of a record that is traced, whose diagnosis looked at the window `covered`: thresholds are per cent
+/// of OP's span there and OP units here; one record has one, whatever window is traced.
 fn settings_of(
     record: &Record,
-    covered: &Window,
+    [traced, covered]: [&Window; 2],
     diagnosed: &diagnosis::Settings,
     settings: &Settings,
 ) -> Settings {
@@ -116,6 +126,7 @@ fn settings_of(
         f_threshold: 0.01 * diagnosed.f_threshold * span_at_least(op_span, &covered.op),
         op_span,
         evidence_threshold: diagnosed.evidence_threshold,
+        compensated: record.compensated(traced),
         ..settings.clone()
     }
 }
@@ -150,3 +161,6 @@ pub fn first_step(
 pub fn trace(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Option<Findings> {
     trace::trace(window, diagnosis, settings)
 }
+
+#[cfg(test)]
+mod tests;

@@ -12,6 +12,7 @@ use super::hypothesis::{Hypothesis, direct_lags};
 use super::response::follows;
 use super::trace::Outcome;
 use super::verdict::{Question, friction_before};
+use crate::diagnosis::verdict::of_archive;
 use crate::diagnosis::{Diagnosis, Model};
 use crate::sysid::armax::{Armax, ORDER};
 use crate::sysid::iddata::{IdData, Units};
@@ -127,6 +128,7 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
     let (stem, dir) = best.hypothesis.stem(&data);
     let failed = checks::failed(&data, (&stem, &dir), &after.e, 2 * ORDER);
     let undisputed = answer.agrees_with(diagnosis)
+        && settings.compensated == 0.0
         && valve.is_some() == answer.tells_stiction()
         && candidates.first().is_none_or(|(kind, posterior)| kind.is_none() && *posterior > 0.5);
     let structure = structure(&data, &best.hypothesis, &facts).filter(|_| undisputed);
@@ -143,7 +145,7 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
         friction_after: answer.friction,
         f_detectable,
         verdict: answer.verdict,
-        reason: answer.reason,
+        reason: answer.reason + &of_archive(&diagnosis.preparation),
         model: model(&data, &best.model),
         curves: curves([&recorded, &data], [&before, &after]),
         before: before.residual,

@@ -9,9 +9,11 @@ use super::fit::{Fitted, has_positive_feedback};
 use super::interval::interval;
 use super::posterior::probability;
 use super::response::follows;
+use crate::diagnosis::verdict::{bare_reason, could_be_hidden, not_told};
 use crate::diagnosis::{Diagnosis, NotIdentifiable, Verdict};
 use crate::signal::told;
 use crate::sysid::iddata::IdData;
+use crate::sysid::valve::largest_move;
 
 /// Share of the largest f from which a bound excludes nothing.
 const EXCLUDES_NOTHING: f64 = 0.98;
@@ -31,12 +33,13 @@ pub struct Question<'a> {
 }
 
 /// The verdict, and why.
+#[derive(Debug)]
 pub struct Answer {
     /// Friction (OP unit).
     pub friction: Friction,
     /// The verdict.
     pub verdict: Verdict,
-    /// One sentence.
+    /// One sentence; once it is bounded ([`Answer::bound`]), with what it leaves possible.
     pub reason: String,
     /// Whether tracing decided, or the diagnosis stands.
     pub by_tracing: bool,
@@ -54,16 +57,20 @@ impl Question<'_> {
                 return Answer { friction, verdict, reason, by_tracing: true, asked };
             }
         }
-        let mut reason = self.diagnosis.reason.clone();
-        if asked {
-            reason += "; the model with effects gives another verdict, but it predicts the last fifth of the \
-                       samples worse";
-        }
+        let overruled =
+            "tracing gives another verdict, but its model predicts the last fifth of the samples worse";
+        let own = bare_reason(self.diagnosis, self.settings.op_span);
+        let clauses = [Some(own), asked.then_some(overruled)];
+        let clauses = clauses.into_iter().flatten().filter(|clause| !clause.is_empty());
+        let reason = clauses.collect::<Vec<_>>().join("; ");
         let verdict = self.diagnosis.verdict.clone();
         let mut answer =
             Answer { friction: friction_before(self.diagnosis), verdict, reason, by_tracing: false, asked };
         if answer.tells_stiction() && !followed() {
             answer.cannot_tell(NotIdentifiable::StemNotFollowed);
+        }
+        if answer.verdict == Verdict::NoStiction && self.settings.compensated > 0.0 {
+            answer.cannot_tell(NotIdentifiable::Compensated);
         }
         answer
     }
@@ -75,23 +82,30 @@ impl Question<'_> {
         let evidence = 2.0 * log_odds;
         let f = best.hypothesis.valve.map_or(0.0, |valve| valve.f() * unit);
         let apart = diagnosis.preparation.apart();
-        let acquisition = diagnosis.preparation.acquisition.as_ref();
-        let unseen = apart.is_some() || acquisition.is_some_and(|found| found.unseen_scans());
-        let fast = unseen.then_some(diagnosis.preparation.reading.fast);
-        let within = interval(data, &best.hypothesis, fast).map(|f| f * unit);
-        let sticks = f > settings.f_threshold && evidence > settings.evidence_threshold && within[0] > 0.0;
+        let fast = diagnosis.preparation.unseen_moves();
+        let mut within = interval(data, &best.hypothesis, fast).map(|f| f * unit);
+        let is_there = evidence > settings.evidence_threshold && within[0] > 0.0;
+        let sticks = is_there && f > settings.f_threshold;
         let verdict = match &diagnosis.verdict {
             // A stem that PV is not seen to answer may be any signal that happens to look like PV's load.
             unanswered @ Verdict::NotIdentifiable(NotIdentifiable::NoResponse) => unanswered.clone(),
             _ if sticks && follows(data, best) => Verdict::Stiction,
             _ if sticks => Verdict::NotIdentifiable(NotIdentifiable::StemNotFollowed),
             Verdict::NotIdentifiable(why) => Verdict::NotIdentifiable(why.clone()),
+            // A valve that a term moves at once leaves no friction to be seen.
+            _ if settings.compensated > 0.0 => Verdict::NotIdentifiable(NotIdentifiable::Compensated),
             _ if has_positive_feedback(data, &best.model) => {
                 Verdict::NotIdentifiable(NotIdentifiable::NoResponse)
             }
             _ => apart.map_or(Verdict::NoStiction, Verdict::NotIdentifiable),
         };
         let sticks = verdict == Verdict::Stiction;
+        if verdict == Verdict::NoStiction && best.hypothesis.valve.is_some() && !is_there {
+            // That interval is of one kind of valve, as if there were one. Where none need be there, whatever the record does not
+            // exclude beside none is possible.
+            let none = best.hypothesis.with_valve(None);
+            within[1] = within[1].max(interval(data, &none, None)[1] * unit);
+        }
         let friction = Friction {
             f: if sticks { f } else { 0.0 },
             f_ci95: if sticks { within } else { [0.0, within[1]] },
@@ -106,16 +120,15 @@ impl Question<'_> {
     /// Why, in one sentence; `f` and where it is `within` (OP unit).
     fn reason(&self, verdict: &Verdict, f: f64, within: [f64; 2]) -> String {
         let evidence = 2.0 * self.log_odds;
-        let (per, unit) = self.settings.op_span.map_or((1.0, ""), |span| (100.0 / span, " % OP"));
-        let [f, low, high] = [f, within[0], within[1]].map(|f| told(per * f));
+        let span = self.settings.op_span;
         match verdict {
-            Verdict::Stiction => format!("f = {f}{unit} [{low}, {high}], evidence {evidence:.0}"),
+            Verdict::Stiction => {
+                let (per, unit) = span.map_or((1.0, ""), |span| (100.0 / span, " % OP"));
+                let [f, low, high] = [f, within[0], within[1]].map(|f| told(per * f));
+                format!("f = {f}{unit} [{low}, {high}], evidence {evidence:.0}")
+            }
             Verdict::NoStiction if evidence > self.settings.evidence_threshold => {
-                let why = match within[0] > 0.0 {
-                    true => format!("its f of {f}{unit} is too small to matter"),
-                    false => format!("f may be 0 as well as {high}{unit}"),
-                };
-                format!("friction predicts PV better, evidence {evidence:.0}, but {why}")
+                not_told(evidence, [f, within[0]], span)
             }
             Verdict::NoStiction => format!("no friction needed, evidence {:.0}", evidence.max(0.0)),
             Verdict::NotIdentifiable(why) => why.to_string(),
@@ -149,9 +162,11 @@ impl Answer {
         let bound = self.friction.f_ci95[1].max(detectable.unwrap_or(0.0));
         self.friction.f_ci95[1] = bound;
         if detectable.is_none() && bound >= EXCLUDES_NOTHING * most {
-            self.cannot_tell(NotIdentifiable::HiddenFriction { reversal: data.units.along_op(2.0 * most) });
-        } else if self.by_tracing {
-            self.reason += &format!("; f up to {} could be hidden", data.units.along_op(bound));
+            let reversal = 2.0 * largest_move(&data.u, data.start.index) * data.units.u;
+            self.cannot_tell(NotIdentifiable::HiddenFriction { reversal: data.units.along_op(reversal) });
+        } else {
+            // The one place that says it, whoever decided: the bound that is published.
+            self.reason += &could_be_hidden(bound, data.units.span);
         }
         detectable.map(|_| bound)
     }

@@ -243,6 +243,14 @@ pub fn told(value: f64) -> String {
     format!("{value:.decimals$}")
 }
 
+/// A distance along OP (OP unit) as sentences say it: in per cent of the span where that is known.
+pub fn along_op(distance: f64, span: Option<f64>) -> String {
+    match span {
+        Some(span) => format!("{} % OP", told(100.0 * distance / span)),
+        None => format!("{} OP", told(distance)),
+    }
+}
+
 /// A time or a size as sentences say it: four significant digits, without trailing zeros.
 pub fn figures(value: f64) -> String {
     if value != 0.0 && !(1e-4..1e9).contains(&value.abs()) {

@@ -3,7 +3,7 @@
 use super::gain_sign::gain_sign;
 use super::stats::{mean, normalised, sd};
 use super::valve::{Start, largest_reversal};
-use crate::signal::{Row, Window, told};
+use crate::signal::{Row, Window, along_op};
 
 /// Longest lag of PV or the stem in any regression (samples); a tag may be later.
 pub const LONGEST_LAG: usize = 16;
@@ -70,10 +70,7 @@ pub struct Units {
 impl Units {
     /// A distance along OP as sentences say it: in per cent of the span where that is known.
     pub fn along_op(&self, distance: f64) -> String {
-        match self.span {
-            Some(span) => format!("{} % OP", told(100.0 * distance / span)),
-            None => format!("{} OP", told(distance)),
-        }
+        along_op(distance, self.span)
     }
 }
 

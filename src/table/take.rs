@@ -96,6 +96,7 @@ fn twice(role: Role, series: &[Sample]) -> Result<Option<String>, TableError> {
 fn none_of(role: Role, series: &[Sample]) -> Option<String> {
     let good: Vec<Sample> =
         series.iter().filter(|s| s.quality.is_good() && s.value.is_finite()).copied().collect();
+    // A file does not say between which limits the controller keeps OP.
     let outages = outages(&good);
     let is_none = |s: &&Sample| outages.contains(&s.value) || s.value.abs() >= LARGEST_VALUE;
     let mut values: Vec<f64> = good.iter().filter(is_none).map(|s| s.value).collect();

@@ -1,7 +1,7 @@
 //! One tag's samples in the order of time, freed of what is no measurement.
 
 use crate::diagnosis::{NotIdentifiable, Preparation};
-use crate::signal::{LARGEST_VALUE, Quality, Sample, outages};
+use crate::signal::{LARGEST_VALUE, Limits, Quality, Sample, are_measured, outages};
 
 /// One tag's good samples in order of time.
 pub struct Clean {
@@ -23,12 +23,9 @@ pub enum Zero {
     Value,
 }
 
-/// Sorts, de-duplicates and drops what is not good.
-pub fn clean(series: &[Sample], zero: Zero, preparation: &mut Preparation) -> Clean {
-    let usable = |s: &&Sample| {
-        s.quality.is_good() && s.t.is_finite() && s.value.is_finite() && s.value.abs() < LARGEST_VALUE
-    };
-    let mut kept: Vec<Sample> = series.iter().filter(usable).copied().collect();
+/// Sorts, de-duplicates and drops what is not good; `limits`: those of OP, for a tag that has them.
+pub fn clean(series: &[Sample], zero: Zero, limits: Option<Limits>, preparation: &mut Preparation) -> Clean {
+    let mut kept: Vec<Sample> = series.iter().filter(|s| is_usable(s)).copied().collect();
     let disorder = kept.windows(2).filter(|w| w[1].t < w[0].t).count();
     if disorder > 0 {
         kept.sort_by(|a, b| a.t.total_cmp(&b.t));
@@ -37,7 +34,7 @@ pub fn clean(series: &[Sample], zero: Zero, preparation: &mut Preparation) -> Cl
     kept.dedup_by(|later, earlier| later.t == earlier.t);
     preparation.out_of_order += disorder;
     preparation.duplicates += before - kept.len();
-    drop_outages(&mut kept, zero);
+    drop_outages(&mut kept, series, zero, limits);
     Clean {
         kept,
         good: before,
@@ -47,13 +44,22 @@ pub fn clean(series: &[Sample], zero: Zero, preparation: &mut Preparation) -> Cl
     }
 }
 
-/// Drops what is written where nothing was measured.
-fn drop_outages(kept: &mut Vec<Sample>, zero: Zero) {
+fn is_usable(s: &Sample) -> bool {
+    s.quality.is_good() && s.t.is_finite() && s.value.is_finite() && s.value.abs() < LARGEST_VALUE
+}
+
+/// Drops from the usable samples of a series what is written where nothing was measured.
+fn drop_outages(kept: &mut Vec<Sample>, series: &[Sample], zero: Zero, limits: Option<Limits>) {
     let mut outages = outages(kept);
     outages.retain(|value| zero == Zero::DropOut || *value != 0.0);
-    if !outages.is_empty() {
-        kept.retain(|s| !outages.contains(&s.value));
+    if outages.is_empty() {
+        return;
     }
+    let lost = series.iter().filter(|s| !is_usable(s) && s.t.is_finite());
+    let mut lost: Vec<f64> = lost.map(|s| s.t).collect();
+    lost.sort_by(f64::total_cmp);
+    let mut are_measured = are_measured(kept, &outages, limits, &lost).into_iter();
+    kept.retain(|_| are_measured.next().unwrap_or(false));
 }
 
 /// The share of the samples that a period of `ts` asks for and that are not there.

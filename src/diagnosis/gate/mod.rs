@@ -9,16 +9,14 @@ mod clean;
 mod refuse;
 mod stretches;
 
-pub use crate::signal::outages;
-
 use super::acquisition::{self, Acquisition, Answer, Placed};
 use super::history_kind::{HistoryKind, recognise};
 use super::{NotIdentifiable, Preparation, Settings};
-use crate::signal::{Record, Row, Sample, Window};
+use crate::signal::{Limits, Record, Row, Sample, Window, is_limit};
 use crate::sysid::missing::likeliest;
 use clean::{Zero, clean, missing_share, shortage};
 use refuse::refuse;
-use stretches::{automatic, intersect, runs};
+use stretches::{Modes, intersect, lasting, longest, runs};
 
 /// Most rows for each sample there is; more would be invented.
 const MOST_POINTS: usize = 20;
@@ -36,8 +34,8 @@ pub type Gated = Result<(Window, Preparation), Box<(NotIdentifiable, Preparation
 /// The reason why the record says nothing about the valve, with what was learned of it on the way.
 pub fn gate(record: &Record, settings: &Settings) -> Gated {
     let mut preparation = Preparation { decimation: 1, reading: settings.reading, ..Preparation::default() };
-    let op = clean(&record.input(), Zero::DropOut, &mut preparation);
-    let pv = clean(&record.pv, Zero::DropOut, &mut preparation);
+    let op = clean(&record.input(), Zero::DropOut, record.limits(), &mut preparation);
+    let pv = clean(&record.pv, Zero::DropOut, None, &mut preparation);
     preparation.history = recognise(&op.kept, &pv.kept).map(Box::new);
     let need = settings.min_samples;
     let stop =
@@ -145,17 +143,33 @@ fn stretches_of(
     } else {
         intersect(&runs(op, own(op)), &runs(pv, own(pv)))
     };
-    let longest_of = |stretches: &[(f64, f64)]| stretches.iter().map(|s| s.1 - s.0).fold(0.0, f64::max);
-    let unbroken = longest_of(&stretches);
     if let Some(mode) = &record.mode {
-        let (auto, share_auto) = automatic(mode, ts);
-        stretches = intersect(&stretches, &auto);
+        let modes = Modes::of(mode, ts);
+        let automatic = intersect(&stretches, &modes.automatic);
         let least = (need - 1) as f64 * ts;
-        if longest_of(&stretches) < least && unbroken >= least {
-            return Err(NotIdentifiable::Manual { share_auto });
+        if longest(&automatic) < least && longest(&stretches) >= least {
+            return Err(not_automatic(&stretches, &modes, least));
         }
+        stretches = automatic;
     }
     Ok(stretches)
+}
+
+/// Why stretches with OP and PV are not in automatic for long enough (s). Of a mode that cannot be read nobody knows whether it was
+/// automatic; but of a loop that is known to be in another mode now, and was for most of the time, that is what is to be told.
+fn not_automatic(stretches: &[(f64, f64)], modes: &Modes, least: f64) -> NotIdentifiable {
+    let time = lasting(stretches);
+    let share = |of: &[(f64, f64)]| lasting(&intersect(stretches, of)) / time;
+    let share_auto = share(&modes.automatic);
+    let unknown = (1.0 - share_auto - share(&modes.other)).max(0.0);
+    let end = stretches.last().map_or(f64::NEG_INFINITY, |last| last.1);
+    let ends_in_other = modes.other.iter().any(|own| own.0 <= end && end <= own.1);
+    let perhaps = intersect(stretches, &modes.perhaps_automatic());
+    if longest(&perhaps) < least || ends_in_other && 2.0 * unknown < 1.0 {
+        NotIdentifiable::Manual { share_auto }
+    } else {
+        NotIdentifiable::ModeUnknown { share: unknown }
+    }
 }
 
 /// What the controller computed of which PV: OP without what write-back added to it.
@@ -171,7 +185,8 @@ fn answer(record: &Record, placed: &Placed, (op, pv): (&[Sample], &[Sample]), fr
 
 /// The window of `n` rows from row `from` on, without missing rows at its ends.
 fn fill(record: &Record, placed: &Placed, (op, pv): (&[Sample], &[Sample]), from: i64, n: usize) -> Window {
-    let (op, pv) = (placed.op(op, from, n), placed.pv(pv, from, n));
+    let pv = placed.pv(pv, from, n);
+    let op = without_lost_limits(placed.op(op, from, n), &pv, record.op_limits);
     let there = |k: &usize| op[*k].is_some() && pv[*k].is_some();
     let (Some(first), Some(last)) = ((0..n).find(there), (0..n).rfind(there)) else {
         return Window { ts: placed.rows.period, ..Window::default() };
@@ -181,16 +196,20 @@ fn fill(record: &Record, placed: &Placed, (op, pv): (&[Sample], &[Sample]), from
     let rows = if missing.contains(&true) { missing.iter().map(worth).collect() } else { Vec::new() };
     let n = missing.len();
     let from = from + first as i64;
-    let cleaned = |series: &[Sample], zero: Zero| clean(series, zero, &mut Preparation::default()).kept;
+    let cleaned = |series: &[Sample], zero: Zero, limits: Option<Limits>| {
+        clean(series, zero, limits, &mut Preparation::default()).kept
+    };
     let on_rows = |kept: &[Sample]| -> Option<Vec<f64>> {
         let end = placed.rows.time((from + n as i64 - 1) as f64);
         let overlaps = kept.first()?.t <= end && kept.last()?.t >= placed.rows.time(from as f64);
         overlaps.then(|| held(&without_drop_outs(placed.other(kept, from, n), &missing)))
     };
-    let other = |series: &[Sample]| on_rows(&cleaned(series, Zero::Value));
-    // A stem that is read more slowly than the rows would stand between its samples, as one that sticks does.
+    let other = |series: &[Sample]| on_rows(&cleaned(series, Zero::Value, None));
+    // A stem that is read more slowly than the rows would stand between its samples, as one that sticks does. Where OP stays at a
+    // limit the stem is there, too.
     let as_fast = |kept: &Vec<Sample>| placed.of_changes() || !placed.is_slower(kept);
-    let stem = record.mv.as_deref().map(|stem| cleaned(stem, Zero::DropOut)).filter(as_fast);
+    let stem = record.mv.as_deref().map(|stem| cleaned(stem, Zero::DropOut, record.limits()));
+    let stem = stem.filter(as_fast);
     let sp = record.sp.as_deref().and_then(|sp| set_point(sp, placed, from, &missing));
     let (op, pv) = (&op[first..=last], &pv[first..=last]);
     let [op, pv] = likeliest(op, pv, [carried_on(op), drawn_through(pv)], sp.as_deref());
@@ -206,6 +225,17 @@ fn fill(record: &Record, placed: &Placed, (op, pv): (&[Sample], &[Sample]), from
     }
 }
 
+/// OP on rows, without its limits where PV is missing: a link that was lost may have written zero into both, and zero may be a limit.
+fn without_lost_limits(
+    op: Vec<Option<f64>>,
+    pv: &[Option<f64>],
+    limits: Option<(f64, f64)>,
+) -> Vec<Option<f64>> {
+    let known =
+        |(op, pv): (Option<f64>, &Option<f64>)| op.filter(|op| pv.is_some() || !is_limit(limits, *op));
+    op.into_iter().zip(pv).map(known).collect()
+}
+
 /// A tag's values on rows, without zeros where OP or PV is missing: a link that was lost may have written zero into every tag.
 fn without_drop_outs(values: Vec<Option<f64>>, missing: &[bool]) -> Vec<Option<f64>> {
     let kept = |(value, missing): (Option<f64>, &bool)| value.filter(|value| *value != 0.0 || !missing);
@@ -216,7 +246,7 @@ fn without_drop_outs(values: Vec<Option<f64>>, missing: &[bool]) -> Vec<Option<f
 /// it, also where it was reported before the window and did not change since; one that could not be read since is not known.
 fn set_point(series: &[Sample], placed: &Placed, from: i64, missing: &[bool]) -> Option<Vec<f64>> {
     let n = missing.len();
-    let kept = clean(series, Zero::Value, &mut Preparation::default()).kept;
+    let kept = clean(series, Zero::Value, None, &mut Preparation::default()).kept;
     let (begin, end) = (placed.rows.time(from as f64), placed.rows.time((from + n as i64 - 1) as f64));
     let (first, last) = (kept.first()?, kept.last()?);
     let lost = |s: &Sample| !(s.quality.is_good() && s.value.is_finite()) && s.t > last.t && s.t <= end;

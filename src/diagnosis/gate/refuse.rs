@@ -1,15 +1,13 @@
 //! What disqualifies an otherwise complete window, and the rows that say nothing of the valve.
 
 use crate::diagnosis::{NotIdentifiable, Preparation, Settings};
-use crate::signal::{Record, Row, Window};
+use crate::signal::{AT_LIMIT, Record, Row, Window};
 use crate::sysid::stats::range;
 
 /// Share of samples at an OP limit above which only those between the limits count: a few do no harm.
 const SATURATED_SHARE: f64 = 0.3;
 /// Share of the window that one unchanging PV value may cover: beyond it less than half is left to judge.
 const FROZEN_SHARE: f64 = 0.5;
-/// Fewest samples on end at an OP's own extreme that are a limit: a coarse recording resolution repeats its extremes too.
-const AT_LIMIT: usize = 5;
 
 /// Why a window says nothing; where OP is at a limit for much of it, the rows there no longer count.
 pub fn refuse(

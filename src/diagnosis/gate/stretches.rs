@@ -19,38 +19,73 @@ pub fn runs(kept: &[Sample], ts: f64) -> Vec<(f64, f64)> {
     found
 }
 
-/// Stretches in automatic, and the share of samples in automatic. A change of mode takes effect at its stamp; a mode that
-/// cannot be read is the last known one for a while.
-pub fn automatic(mode: &[Sample], ts: f64) -> (Vec<(f64, f64)>, f64) {
-    let mut samples: Vec<Sample> = mode.iter().filter(|s| s.t.is_finite()).copied().collect();
-    samples.sort_by(|a, b| a.t.total_cmp(&b.t));
-    let known = |s: &Sample| s.quality.is_good() && s.value.is_finite();
-    let mut found = Vec::new();
-    let mut open: Option<f64> = None;
-    let mut lost: Option<f64> = None;
-    for s in &samples {
-        if !known(s) {
-            lost.get_or_insert(s.t);
-        }
-        let overdue = lost.filter(|since| s.t - since > MODE_LOST * ts);
-        let until = if known(s) && s.value < 0.5 { Some(overdue.unwrap_or(s.t)) } else { overdue };
-        if let (Some(from), Some(until)) = (open, until) {
-            found.push((from, until - 1e-3 * ts));
-            open = None;
-        }
-        if known(s) {
-            lost = None;
-            if s.value >= 0.5 {
-                open = open.or(Some(s.t));
+/// Stretches of time by the controller's mode (s); in what is left of the time the mode is not known.
+pub struct Modes {
+    /// In automatic.
+    pub automatic: Vec<(f64, f64)>,
+    /// Not in automatic.
+    pub other: Vec<(f64, f64)>,
+}
+
+impl Modes {
+    /// Of the mode's samples. A change of mode takes effect at its stamp; a mode that cannot be read is the last known one for a
+    /// while.
+    pub fn of(mode: &[Sample], ts: f64) -> Self {
+        let mut samples: Vec<Sample> = mode.iter().filter(|s| s.t.is_finite()).copied().collect();
+        samples.sort_by(|a, b| a.t.total_cmp(&b.t));
+        let mut found = Self { automatic: Vec::new(), other: Vec::new() };
+        let mut open: Option<(f64, bool)> = None;
+        let mut lost: Option<f64> = None;
+        for s in &samples {
+            let known = (s.quality.is_good() && s.value.is_finite()).then_some(s.value >= 0.5);
+            if known.is_none() {
+                lost.get_or_insert(s.t);
+            }
+            let overdue = lost.filter(|since| s.t - since > MODE_LOST * ts);
+            if let Some((from, automatic)) = open {
+                let changed = known.is_some_and(|known| known != automatic);
+                if let Some(until) = overdue.or(changed.then_some(s.t)) {
+                    found.push(automatic, (from, until - 1e-3 * ts));
+                    open = None;
+                }
+            }
+            if let Some(automatic) = known {
+                lost = None;
+                open = open.or(Some((s.t, automatic)));
             }
         }
+        if let Some((from, automatic)) = open {
+            // The last known mode holds until something else is known.
+            found.push(automatic, (from, f64::INFINITY));
+        }
+        found
     }
-    if let Some(from) = open {
-        // The last known mode holds until something else is known.
+
+    fn push(&mut self, automatic: bool, stretch: (f64, f64)) {
+        if automatic { self.automatic.push(stretch) } else { self.other.push(stretch) }
+    }
+
+    /// The stretches in which the loop may be in automatic: all that are not known to be in another mode.
+    pub fn perhaps_automatic(&self) -> Vec<(f64, f64)> {
+        let mut found = Vec::with_capacity(self.other.len() + 1);
+        let mut from = f64::NEG_INFINITY;
+        for other in &self.other {
+            found.push((from, other.0));
+            from = other.1;
+        }
         found.push((from, f64::INFINITY));
+        found
     }
-    let in_automatic = samples.iter().filter(|s| known(s) && s.value >= 0.5).count();
-    (found, in_automatic as f64 / samples.len().max(1) as f64)
+}
+
+/// The time that stretches last together (s).
+pub fn lasting(stretches: &[(f64, f64)]) -> f64 {
+    stretches.iter().map(|(from, to)| to - from).sum()
+}
+
+/// How long the longest of the stretches lasts (s).
+pub fn longest(stretches: &[(f64, f64)]) -> f64 {
+    stretches.iter().map(|(from, to)| to - from).fold(0.0, f64::max)
 }
 
 /// The overlaps of two ordered lists of stretches.
@@ -65,4 +100,39 @@ pub fn intersect(a: &[(f64, f64)], b: &[(f64, f64)]) -> Vec<(f64, f64)> {
         if a[i].1 < b[j].1 { i += 1 } else { j += 1 }
     }
     found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::signal::{BadReason, Quality};
+
+    fn bad(t: f64) -> Sample {
+        Sample { t, value: f64::NAN, quality: Quality::Bad(BadReason::Timeout) }
+    }
+
+    #[test]
+    fn the_time_is_split_by_mode_and_what_is_not_known_is_neither() {
+        let mode = [
+            bad(0.0),
+            Sample::good(10.0, 1.0),
+            Sample::good(30.0, 0.0),
+            Sample::good(50.0, 1.0),
+            // Not read for longer than a few polls.
+            bad(60.0),
+            bad(68.0),
+            Sample::good(80.0, 0.0),
+        ];
+        let modes = Modes::of(&mode, 1.0);
+        let edge = 1e-3;
+        assert_eq!(modes.automatic, [(10.0, 30.0 - edge), (50.0, 60.0 - edge)]);
+        assert_eq!(modes.other, [(30.0, 50.0 - edge), (80.0, f64::INFINITY)]);
+        let perhaps = modes.perhaps_automatic();
+        let ends = (f64::NEG_INFINITY, f64::INFINITY);
+        assert_eq!(perhaps, [(ends.0, 30.0), (50.0 - edge, 80.0), (f64::INFINITY, ends.1)]);
+        assert!((lasting(&intersect(&modes.automatic, &[(0.0, 100.0)])) - 30.0).abs() < 0.01);
+        let none = Modes::of(&[bad(0.0), bad(1.0)], 1.0);
+        assert!(none.automatic.is_empty() && none.other.is_empty());
+        assert_eq!(none.perhaps_automatic(), [ends]);
+    }
 }

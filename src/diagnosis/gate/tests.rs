@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::diagnosis::prepare::prepare;
-use crate::signal::{BadReason, Quality, Row};
+use crate::signal::{BadReason, Quality, Row, outages};
 
 fn wave(n: usize, ts: f64) -> Record {
     let at = |k: usize, phase: f64| Sample::good(k as f64 * ts, 50.0 + (k as f64 * 0.2 + phase).sin());
@@ -237,8 +237,10 @@ fn every_reason_is_reached() {
     let manual = |r: &mut Record| {
         r.mode = Some(r.op.iter().map(|s| Sample::good(s.t, f64::from(u8::from(s.t < 60.0)))).collect());
     };
+    // 60 s of 299 s.
+    let share = 60.0 / 299.0;
     assert!(
-        matches!(settings(&manual), NotIdentifiable::Manual { share_auto } if (share_auto - 0.2).abs() < 1e-9)
+        matches!(settings(&manual), NotIdentifiable::Manual { share_auto } if (share_auto - share).abs() < 1e-4)
     );
 }
 
@@ -275,6 +277,53 @@ fn a_mode_that_is_lost_for_a_moment_cuts_no_stretch() {
 }
 
 #[test]
+fn a_mode_is_counted_in_time() {
+    // Sent when it changes: in automatic for 120 s and 60 s of 3,599 s.
+    let mut record = wave(3600, 1.0);
+    let changes = [(0.0, 1.0), (120.0, 0.0), (3480.0, 1.0), (3540.0, 0.0)];
+    record.mode = Some(changes.into_iter().map(|(t, value)| Sample::good(t, value)).collect());
+    let NotIdentifiable::Manual { share_auto } = reason(&record) else { panic!("{}", reason(&record)) };
+    assert!((share_auto - 180.0 / 3599.0).abs() < 1e-4, "{share_auto}");
+    assert!(reason(&record).to_string().starts_with("manual: in automatic for 5 % of the window"));
+    record.mode = Some(vec![Sample::good(0.0, 0.0)]);
+    assert_eq!(reason(&record).to_string(), "manual: never in automatic");
+}
+
+#[test]
+fn a_mode_that_cannot_be_read_is_not_told_to_be_manual() {
+    let mut record = wave(600, 1.0);
+    let bad = |t: f64| Sample { t, value: f64::NAN, quality: Quality::Bad(BadReason::Timeout) };
+    // None of its samples is good, or there is none yet.
+    for mode in [(0..600).map(|k| bad(f64::from(k))).collect(), Vec::new()] {
+        record.mode = Some(mode);
+        assert_eq!(reason(&record), NotIdentifiable::ModeUnknown { share: 1.0 });
+    }
+    // Lost after a minute in automatic: it may have been so all along.
+    let series = |part: &dyn Fn(f64) -> Sample| Some((0..600).map(|k| part(f64::from(k))).collect());
+    record.mode = series(&|t| if t < 60.0 { Sample::good(t, 1.0) } else { bad(t) });
+    let found = reason(&record);
+    let share = 539.0 / 599.0;
+    assert!(
+        matches!(found, NotIdentifiable::ModeUnknown { share: own } if (own - share).abs() < 1e-3),
+        "{found}"
+    );
+    assert!(found.to_string().starts_with("mode unknown: the mode cannot be read for 90 % of the window"));
+    // Lost for a while between two times in manual: whatever it was, that was too short.
+    record.mode = series(&|t| if (150.0..300.0).contains(&t) { bad(t) } else { Sample::good(t, 0.0) });
+    assert_eq!(reason(&record), NotIdentifiable::Manual { share_auto: 0.0 });
+    // In manual now: what was before the tag came is not asked, unless that was most of the time.
+    let since = |from: f64| (0..600).map(f64::from).filter(move |t| *t >= from).map(|t| Sample::good(t, 0.0));
+    record.mode = Some(since(290.0).collect());
+    assert_eq!(reason(&record), NotIdentifiable::Manual { share_auto: 0.0 });
+    record.mode = Some(since(310.0).collect());
+    assert!(matches!(reason(&record), NotIdentifiable::ModeUnknown { .. }));
+    // And of one that is lost at the end it is not known how it is now.
+    let lost = (560..600).map(|k| bad(f64::from(k)));
+    record.mode = Some(since(290.0).filter(|s| s.t < 560.0).chain(lost).collect());
+    assert!(matches!(reason(&record), NotIdentifiable::ModeUnknown { .. }));
+}
+
+#[test]
 fn one_stamp_far_away_does_not_make_a_huge_grid() {
     let mut record = wave(300, 1.0);
     record.op.push(Sample::good(1e18, 1.0));
@@ -298,6 +347,53 @@ fn a_loop_at_its_limit_for_part_of_the_time_is_judged_by_the_rest() {
     record.op[100..850].iter_mut().for_each(|s| s.value = 100.0);
     let share = 750.0 / 900.0;
     assert_eq!(reason(&record), NotIdentifiable::Saturated { share });
+}
+
+#[test]
+fn a_valve_that_op_shuts_is_at_its_limit_and_not_lost() {
+    // OP is zero for 40 % of the time, and far from it else.
+    let shut = |n: usize| {
+        let mut record = wave(n, 1.0);
+        for s in record.op.iter_mut().filter(|s| s.t % 100.0 < 40.0) {
+            s.value = 0.0;
+        }
+        record
+    };
+    let limits = Some((0.0, 100.0));
+    assert!(matches!(reason(&shut(300)), NotIdentifiable::Gaps { .. }), "nobody knows that zero is a limit");
+    let record = Record { op_limits: limits, ..shut(300) };
+    assert_eq!(reason(&record), NotIdentifiable::Saturated { share: 0.4 });
+    // What is left between the limits is judged, where it is enough.
+    let (w, p) = gate(&Record { op_limits: limits, ..shut(600) }, &Settings::default()).expect("passes");
+    assert_eq!((w.counted(), p.gap_share, w.row(39), w.row(40)), (360, 0.0, Row::Silent, Row::Counts));
+    // A link that was lost wrote zero into both: then OP is not known either.
+    let mut lost = Record { op_limits: limits, ..wave(600, 1.0) };
+    for tag in [&mut lost.op, &mut lost.pv] {
+        tag[300..303].iter_mut().for_each(|s| s.value = 0.0);
+    }
+    let (w, _) = gate(&lost, &Settings::default()).expect("passes");
+    assert!((300..303).all(|k| w.row(k) == Row::Missing && w.op[k] > 40.0), "{:?}", &w.op[300..303]);
+}
+
+#[test]
+fn one_zero_of_a_logger_is_no_stroke_of_the_valve() {
+    // OP and stem between 40 and 60 %, PV without a flaw, and zero is a limit.
+    let mut record = Record { op_limits: Some((0.0, 100.0)), ..wave(600, 1.0) };
+    record.op.iter_mut().for_each(|s| s.value = 50.0 + 10.0 * (s.value - 50.0));
+    record.mv = Some(record.op.clone());
+    let lone = |record: &mut Record, many: usize| {
+        for tag in [&mut record.op, record.mv.as_mut().expect("there is one")] {
+            tag[300..300 + many].iter_mut().for_each(|s| s.value = 0.0);
+        }
+        gate(record, &Settings::default()).expect("passes").0
+    };
+    for many in [1, 4] {
+        let w = lone(&mut record, many);
+        let zeros = (0..600).filter(|k| w.op[*k] < 39.0 || w.mv.as_ref().is_some_and(|mv| mv[*k] < 39.0));
+        assert_eq!((zeros.count(), 600 - w.counted(), w.row(300)), (0, many, Row::Missing));
+    }
+    let w = lone(&mut record, 5);
+    assert_eq!((w.counted(), w.op[302], w.mv.expect("there is one")[302]), (600, 0.0, 0.0));
 }
 
 #[test]

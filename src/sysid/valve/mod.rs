@@ -195,6 +195,12 @@ pub fn largest_reversal(u: &[f64], start: Start) -> f64 {
     0.5 * fall
 }
 
+/// Half the largest move of OP in one direction after sample `from`, up or down (OP unit).
+pub fn largest_move(u: &[f64], from: usize) -> f64 {
+    let [fall, rise] = [true, false].map(|is_max| largest_reversal(u, Start { index: from, is_max }));
+    fall.max(rise)
+}
+
 /// How often the stem turns.
 pub fn reversals(dir: &[f64]) -> usize {
     dir.windows(2).filter(|w| w[0] != w[1]).count()
@@ -258,6 +264,15 @@ mod tests {
         assert_eq!(largest_reversal(&u, MAX_AT_1), 1.25);
         assert_eq!(largest_reversal(&u, Start { index: 2, is_max: false }), 1.5);
         assert_eq!(largest_reversal(&u, Start { index: 9, is_max: true }), 0.0);
+    }
+
+    #[test]
+    fn the_largest_move_is_that_of_either_direction() {
+        // From a maximum OP falls by 3, then rises by 10.
+        let u = [0.0, 5.0, 2.0, 12.0, 11.0];
+        assert_eq!((largest_reversal(&u, MAX_AT_1), largest_move(&u, 1)), (1.5, 5.0));
+        assert_eq!(largest_move(&u.map(|u| -u), 1), 5.0);
+        assert_eq!(largest_move(&u, 9), 0.0);
     }
 
     /// The element as the paper's figure 3 states it.

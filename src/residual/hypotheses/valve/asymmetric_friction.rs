@@ -1,4 +1,5 @@
-//! Friction that differs between opening and closing: turning down takes `S (1 + a)`, turning up `S (1 - a)`.
+//! Friction that differs by direction: turning down takes `S (1 + a)`, turning up `S (1 - a)`. Which of the two closes the valve
+//! depends on the actuator, so that sentences speak of OP.
 //!
 //! Parameter: a (-), rate 1. Proposed by the search over all thresholds at some values of a.
 
@@ -47,11 +48,8 @@ impl EffectModel for Asymmetry {
     }
     fn describe(&self, _data: &IdData, _model: &Armax, _gamma: &[f64]) -> Described {
         let ratio = (1.0 + self.a) / (1.0 - self.a);
-        Described::new(format!("closing takes {ratio:.2} times the friction of opening")).with(
-            "closing_to_opening",
-            ratio,
-            "-",
-        )
+        let sentence = format!("friction is {ratio:.2} times as large where OP falls as where it rises");
+        Described::new(sentence).with("falling_to_rising", ratio, "-")
     }
 }
 

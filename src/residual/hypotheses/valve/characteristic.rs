@@ -78,7 +78,7 @@ impl EffectModel for Curve {
         let per = data.units.span.map_or(1.0, |span| 0.01 * span);
         let unit = if data.units.span.is_some() { "% OP" } else { "OP unit" };
         let by = 100.0 * per * q.abs();
-        Described::new(format!("the gain {how} by {} % per {unit} as the valve opens", told(by)))
+        Described::new(format!("the gain {how} by {} % per {unit} as OP rises", told(by)))
             .with("curvature_per_op", q, "1/OP")
             .at("valve")
     }

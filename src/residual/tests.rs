@@ -1,0 +1,220 @@
+//! What is traced at all, and what is published of friction that is not told.
+
+use super::fit::{Fitted, fit_anew};
+use super::hypothesis::Hypothesis;
+use super::interval::interval;
+use super::verdict::{Answer, Question};
+use super::*;
+use crate::diagnosis::rivals::Rival;
+use crate::diagnosis::verdict::could_be_hidden;
+use crate::diagnosis::{Estimate, HistoryFound, HistoryKind, Model, Preparation, diagnose};
+use crate::signal::{Role, Sample};
+use crate::sim::scenarios::table2_loop;
+use crate::sim::{LoopSpec, SensorSpec, simulate};
+use crate::sysid::armax::Armax;
+use crate::sysid::iddata::{IdData, Units};
+use crate::sysid::valve::{Start, ValveModel};
+use rand::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+use std::f64::consts::TAU;
+
+/// The paper's level loop whose valve sticks, of so many samples, so long apart (s).
+fn sticking(n: usize, ts: f64) -> Record {
+    let friction = crate::sim::Friction::Choudhury { s: 5.0, j: 1.5, resolution: 0.005 };
+    let spec = LoopSpec { sensor: SensorSpec::noisy(0.02), ..table2_loop(true, friction) };
+    let run = simulate(&spec, 1000 + n, 1).expect("can be simulated").after(1000);
+    let series = |v: &[f64]| v.iter().enumerate().map(|(k, v)| Sample::good(k as f64 * ts, *v)).collect();
+    Record { op: series(&run.op), pv: series(&run.pv), op_span: Some(100.0), ..Record::default() }
+}
+
+#[test]
+fn rows_that_repeat_a_reading_are_not_traced() {
+    let record = sticking(600, 3.0);
+    let traced = |ts: Option<f64>| {
+        let settings = diagnosis::Settings { ts, ..diagnosis::Settings::default() };
+        assert!(gate::gate(&record, &settings).is_ok(), "the gate lets {ts:?} pass");
+        let found = match ts {
+            Some(_) => diagnose(&record, &settings),
+            None => Diagnosis::bare(Verdict::NoStiction, "made for a test"),
+        };
+        let refused = matches!(&found.verdict, Verdict::NotIdentifiable(NotIdentifiable::TsTooShort { .. }));
+        (refused, window(&record, &found, &settings).is_some(), found)
+    };
+    let (refused, is_traced, found) = traced(Some(1.0));
+    assert_eq!((refused, is_traced), (true, false), "{}", found.reason);
+    let settings = diagnosis::Settings { ts: Some(1.0), ..diagnosis::Settings::default() };
+    assert_eq!(trace_record(&record, &found, &settings, &Settings::default()), None);
+    let (refused, is_traced, _) = traced(None);
+    assert_eq!((refused, is_traced), (false, true));
+}
+
+#[test]
+fn an_oscillation_that_is_too_fast_for_the_samples_is_not_traced() {
+    let noise = |k: usize| (1.3 * (k * k) as f64).sin();
+    let wave = |level: f64, phase: f64| -> Vec<Sample> {
+        let value = |k: usize| level + (TAU * k as f64 / 2.2 + phase).sin() + 0.1 * noise(k);
+        (0..600).map(|k| Sample::good(k as f64, value(k))).collect()
+    };
+    let record = Record { op: wave(50.0, 0.0), pv: wave(20.0, 1.0), ..Record::default() };
+    let settings = diagnosis::Settings::default();
+    let found = diagnose(&record, &settings);
+    let refused = matches!(found.verdict, Verdict::NotIdentifiable(NotIdentifiable::Undersampled { .. }));
+    assert!(refused && gate::gate(&record, &settings).is_ok(), "{}", found.reason);
+    assert!(window(&record, &found, &settings).is_none());
+}
+
+/// A lag behind a dead band of 2 whose OP swings slowly by ±5, and the model of that valve.
+fn dead_band() -> (IdData, Fitted) {
+    let n = 1600;
+    let mut draw = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(3));
+    let mut next = || -> f64 { draw.next().unwrap_or(0.0) };
+    let swing = |k: usize| 3.0 * (0.055 * k as f64).sin() + 2.0 * (0.0215 * k as f64).cos();
+    let op: Vec<f64> = (0..n).map(|k| swing(k) + 0.02 * next()).collect();
+    let (mut y, mut stem, mut pv) = (0.0, 0.0f64, vec![0.0; n]);
+    for k in 1..n {
+        stem = stem.clamp(op[k - 1] - 1.0, op[k - 1] + 1.0);
+        y = 0.8 * y + 0.2 * stem;
+        pv[k] = y + 0.1 * next();
+    }
+    let window = Window { t0: 0.0, ts: 1.0, op, pv, ..Window::default() };
+    let mut data = IdData::new(&window, Start { index: 0, is_max: true }).expect("long enough");
+    data.gain_sign = None;
+    let valve = ValveModel { s: 2.0 / data.units.u, j: 0.0, ..ValveModel::default() };
+    let best = fit_anew(&data, Hypothesis { valve: Some(valve), effects: Vec::new() }, None);
+    (data, best)
+}
+
+/// What is answered of this model where its odds are so little that friction is not told.
+fn unbelieved(data: &IdData, best: &Fitted, diagnosis: &Diagnosis, agrees: bool) -> Answer {
+    let settings = Settings { op_span: data.units.span, ..Settings::default() };
+    Question { data, best, log_odds: 5.0, diagnosis, settings: &settings }.answer(agrees, || true)
+}
+
+#[test]
+fn friction_that_is_not_believed_bounds_nothing_by_its_own_interval() {
+    let (data, best) = dead_band();
+    let end = |hypothesis: &Hypothesis| interval(&data, hypothesis, None)[1] * data.units.u;
+    let (own, hidden) = (end(&best.hypothesis), end(&best.hypothesis.with_valve(None)));
+    assert!(own < hidden, "{own} {hidden}: nothing is told by this record");
+    let diagnosis = Diagnosis::bare(Verdict::NoStiction, "made for a test");
+    let mut answer = unbelieved(&data, &best, &diagnosis, true);
+    assert_eq!((&answer.verdict, answer.friction.f_ci95), (&Verdict::NoStiction, [0.0, hidden]));
+    // Whatever is published, the sentence has the same number.
+    let detectable = 0.5 * hidden / data.units.u;
+    let published = answer.bound(&data, Some(detectable)).expect("it is known");
+    assert_eq!((published, answer.friction.f_ci95[1]), (hidden, hidden));
+    assert_eq!(answer.reason, format!("no friction needed, evidence 10{}", could_be_hidden(hidden, None)));
+}
+
+#[test]
+fn where_the_held_out_samples_overrule_tracing_no_effect_is_spoken_of() {
+    let (data, best) = dead_band();
+    let diagnosis = Diagnosis::bare(Verdict::Stiction, "made for a test");
+    let answer = unbelieved(&data, &best, &diagnosis, false);
+    let overruled =
+        "tracing gives another verdict, but its model predicts the last fifth of the samples worse";
+    assert_eq!(answer.reason, format!("made for a test; {overruled}"));
+    assert!(answer.tells_stiction() && !answer.by_tracing);
+    // A diagnosis that has no reason of its own yet leaves no empty clause.
+    let answer = unbelieved(&data, &best, &Diagnosis::bare(Verdict::Stiction, ""), false);
+    assert_eq!(answer.reason, overruled);
+}
+
+/// A record of which nothing but OP is looked at.
+fn of_op(u: Vec<f64>, start: Start, f_max: f64) -> IdData {
+    let units = Units { u: 1.0, span: Some(100.0), ..Units::default() };
+    IdData { u, start, f_max, units, ..IdData::default() }
+}
+
+/// A diagnosis that sees no sticking, of data that an archive held.
+fn declared(f_high: f64) -> Diagnosis {
+    let history = HistoryFound { kind: HistoryKind::Held, role: Role::Pv, evidence: [1.0, 5.0] };
+    let model = Model { na: 1, nb: 1, nc: 0, nk: 1, a: vec![0.0], b: vec![0.0], c: Vec::new(), rmse: 1.0 };
+    let estimate = Estimate {
+        f: 0.0,
+        f_ci95: [0.0, f_high],
+        f_of_op_range: 0.0,
+        delta_aic: 3.0,
+        rival: Rival::Linear,
+        steadiness: 2.0,
+        f_max: 5.0,
+        d: 0.0,
+        curve: Vec::new(),
+        model,
+        mv: Vec::new(),
+    };
+    let bound = could_be_hidden(f_high, Some(100.0));
+    Diagnosis {
+        preparation: Preparation { history: Some(Box::new(history)), ..Preparation::default() },
+        estimate: Some(estimate),
+        ..Diagnosis::bare(Verdict::NoStiction, format!("no friction needed, evidence 3{bound}"))
+    }
+}
+
+/// What is answered where tracing asked of no friction, so that the diagnosis stands.
+fn standing(data: &IdData, diagnosis: &Diagnosis) -> Answer {
+    let best = Fitted { hypothesis: Hypothesis::default(), model: Armax::default(), score: 0.0 };
+    let settings = Settings { op_span: data.units.span, ..Settings::default() };
+    let question =
+        Question { data, best: &best, log_odds: f64::NEG_INFINITY, diagnosis, settings: &settings };
+    question.answer(true, || true)
+}
+
+#[test]
+fn a_diagnosis_that_stands_is_said_with_the_bound_that_is_published() {
+    let (data, diagnosis) = (of_op(Vec::new(), Start::default(), 5.0), declared(0.5));
+    for (detectable, high) in [(1.2, 1.2), (0.2, 0.5)] {
+        let mut answer = standing(&data, &diagnosis);
+        assert_eq!(answer.bound(&data, Some(detectable)), Some(high));
+        assert_eq!(answer.friction.f_ci95, [0.0, high]);
+        let bound = could_be_hidden(high, Some(100.0));
+        assert_eq!(answer.reason, format!("no friction needed, evidence 3{bound}"));
+    }
+}
+
+#[test]
+fn the_largest_reversal_is_told_whichever_way_it_goes() {
+    // From a maximum OP falls by 3, then rises by 10: beyond half of 3 no stem turns.
+    let data = of_op(vec![0.0, 5.0, 2.0, 12.0, 11.0], Start { index: 1, is_max: true }, 1.5);
+    let mut answer = standing(&data, &declared(1.5));
+    assert_eq!(answer.bound(&data, None), None);
+    let hidden = NotIdentifiable::HiddenFriction { reversal: "10.000 % OP".into() };
+    assert_eq!(answer.verdict, Verdict::NotIdentifiable(hidden));
+    assert!(answer.reason.contains("OP never reverses by more than 10.000 % OP"), "{}", answer.reason);
+}
+
+#[test]
+fn what_an_archive_did_is_said_once_of_what_was_traced() {
+    let record = sticking(700, 1.0);
+    let settings = diagnosis::Settings::default();
+    let mut found = diagnose(&record, &settings);
+    found.preparation.history = declared(1.0).preparation.history;
+    let traced = trace_record(&record, &found, &settings, &Settings::default()).expect("long enough");
+    let archive = "; the data is not raw (held): f reads low, and sticking may go unseen";
+    let said = traced.reason.matches("not raw").count();
+    assert!(said == 1 && traced.reason.ends_with(archive), "{}", traced.reason);
+}
+
+#[test]
+fn where_a_term_of_write_back_acted_no_valve_is_told_to_be_sound() {
+    let (data, best) = dead_band();
+    let settings = Settings { op_span: data.units.span, compensated: 0.1, ..Settings::default() };
+    for (verdict, agrees) in
+        [(Verdict::Stiction, true), (Verdict::NoStiction, true), (Verdict::NoStiction, false)]
+    {
+        let diagnosis = Diagnosis::bare(verdict, "made for a test");
+        let (data, best, diagnosis, settings) = (&data, &best, &diagnosis, &settings);
+        let answer = Question { data, best, log_odds: 5.0, diagnosis, settings }.answer(agrees, || true);
+        assert_eq!(answer.verdict, Verdict::NotIdentifiable(NotIdentifiable::Compensated), "{answer:?}");
+    }
+}
+
+#[test]
+fn a_term_counts_that_acted_outside_of_the_diagnosed_window() {
+    let mut record = sticking(1500, 1.0);
+    record.term = Some(vec![Sample::good(200.0, 2.0), Sample::good(300.0, 0.0)]);
+    let whole = Window { ts: 1.0, op: vec![0.0; 1500], pv: vec![0.0; 1500], ..Window::default() };
+    let (covered, diagnosed) = (whole.slice(1000, 1500), diagnosis::Settings::default());
+    let settings = settings_of(&record, [&whole, &covered], &diagnosed, &Settings::default());
+    assert_eq!(settings.compensated, 100.0 / 1500.0);
+}
