@@ -22,6 +22,7 @@ pub mod replay;
 mod restart;
 mod rings;
 mod security;
+mod silence;
 mod span;
 mod surroundings;
 mod writeback;
@@ -86,6 +87,8 @@ pub struct App {
     started: Arc<Config>,
     /// Cancelled when the daemon stops.
     stop: CancellationToken,
+    /// Held by who takes another configuration. The state stays free while terms of write-back go to zero: alarms look at it.
+    taking: Mutex<()>,
     state: Mutex<Running>,
 }
 
@@ -146,8 +149,9 @@ impl App {
         let persistence = Persistence::new(&config, clock, store, (&history, &results));
         let outlet = fleet.as_ref().map(|fleet| fleet.outlet());
         let notifications = Arc::new(Notifications::new(&config, clock, &results, outlet));
+        results.read_from(sources(&history), clock.now());
         results.apply_design(clock.now());
-        let plan = schedule_plan(&config, &history);
+        let plan = schedule_plan(&config, &history, clock);
         let namespaces = Namespaces::new(&config);
         let parts = (&persistence, &results, namespaces.pinned());
         let backfill = BackfillJobs::new(&config, clock, parts, diagnose.clone(), stop.clone());
@@ -202,6 +206,7 @@ impl App {
             diagnose,
             started,
             stop,
+            taking: Mutex::default(),
             state,
         })
     }
@@ -302,6 +307,7 @@ impl App {
             looking,
             self.namespaces.run(self.stop.clone())
         );
+        let _taking = self.taking.lock().await;
         let mut state = self.state.lock().await;
         state.collecting = false;
         for device in &mut state.devices {
@@ -331,8 +337,9 @@ impl App {
         }
     }
 
-    /// Takes another configuration. Loops that are unchanged keep their data, results and alarms; devices whose tags
-    /// are unchanged go on being polled. `[server]` and the sizes in `[schedule]` need a restart, and the log says so.
+    /// Takes another configuration. Loops that are unchanged keep their data, results and alarms; a loop whose OP or PV is
+    /// read elsewhere keeps nothing that speaks for another valve ([`Results::read_from`]). Devices whose tags are unchanged go on
+    /// being polled. `[server]` and the sizes in `[schedule]` need a restart, and the log says so.
     ///
     /// # Errors
     /// [`AppError::Plan`], [`AppError::Access`], [`AppError::Tls`]; then everything stays as it was.
@@ -342,9 +349,10 @@ impl App {
 
     /// Takes another configuration, or the one in force anew where the fleet's loops have changed.
     async fn take(&self, config: Option<Config>) -> Result<(), AppError> {
-        let mut state = self.state.lock().await;
+        let _taking = self.taking.lock().await;
         let reloading = config.is_some();
-        let config = config.unwrap_or_else(|| Config::clone(&state.config));
+        let in_force = self.state.lock().await.config.clone();
+        let config = config.unwrap_or_else(|| Config::clone(&in_force));
         let config = Arc::new(match &self.fleet {
             Some(fleet) => fleet.composed(config)?,
             None => config,
@@ -357,6 +365,7 @@ impl App {
         }
         // Granted was what the old configuration says: every term goes to zero first.
         self.writeback.end().await;
+        let mut state = self.state.lock().await;
         restart::warn_of_what_needs_one(&state.config, &config);
         let history = Arc::new(state.history.successor(&wired.loops, &config.history));
         history.keep_terms_of(&state.history, TERM_REPEAT_S);
@@ -381,12 +390,14 @@ impl App {
         // Of loops that were not watched it gives back how they were left: nobody said then that their alarms are over.
         let old = &state.config;
         self.results.begin_anew((&ids(old), &devices_of(old)), &old.alarm, self.clock.now());
+        // What the store gave back may be of another valve, too.
+        self.results.read_from(sources(&history), self.clock.now());
         // Only now: an edge would forward new rings before the store has filled them, and all they hold once more after that.
         if let Some(fleet) = &self.fleet {
             fleet.replace(&config, &history);
         }
         self.results.apply_design(self.clock.now());
-        let mut plan = schedule_plan(&config, &history);
+        let mut plan = schedule_plan(&config, &history, self.clock);
         if self.fleet.as_ref().is_some_and(|fleet| fleet.follows()) {
             // Their edges diagnose them.
             plan.jobs.clear();
@@ -394,6 +405,8 @@ impl App {
         }
         self.scheduler.replace(plan);
         self.plant.send_replace(Arc::new(shown(&self.started, &config, &history, &devices)));
+        // Only now: who hears it asks for the loops at once.
+        self.results.tell_reload();
         if state.collecting && !self.stop.is_cancelled() {
             devices.iter_mut().for_each(|device| device.start(&self.stop));
             self.writeback.begin(&config, &history, &devices);
@@ -414,6 +427,11 @@ fn ids(config: &Config) -> Vec<LoopId> {
     config.loops.iter().map(|control_loop| LoopId::new(control_loop.id.as_str())).collect()
 }
 
+/// What stands for where each loop is read.
+fn sources(history: &History) -> impl Iterator<Item = (LoopId, u64)> {
+    history.loops().iter().filter_map(move |own| Some((own.id.clone(), history.source(&own.id)?)))
+}
+
 fn devices_of(config: &Config) -> Vec<LoopId> {
     let modbus = config.modbus.iter().map(|device| device.name.as_str());
     let opcua = config.opcua.iter().map(|device| device.name.as_str());
@@ -426,10 +444,11 @@ fn neighbours(config: &Config) -> HashMap<LoopId, Vec<Neighbour>> {
     config.loops.iter().map(|l| (LoopId::new(l.id.as_str()), config.neighbours(l))).collect()
 }
 
-fn schedule_plan(config: &Config, history: &Arc<History>) -> schedule::Plan {
+fn schedule_plan(config: &Config, history: &Arc<History>, clock: Clock) -> schedule::Plan {
     schedule::Plan {
         jobs: jobs(config),
         snapshot: span::watched(config, snapshot(config, history)),
+        silence: silence::of_rings(history, clock),
         settings: Settings::from(&config.diagnosis),
         follows: false,
         searched: may_be_written(config),

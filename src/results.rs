@@ -10,8 +10,10 @@ mod events;
 mod glance;
 mod judged;
 mod kept;
+mod looked;
 mod origin;
 mod second;
+mod source;
 mod swings;
 mod told;
 pub mod words;
@@ -19,7 +21,7 @@ pub mod words;
 pub use crate::residual::Structure;
 pub use alarm_log::{AlarmChange, MOST_CHANGES};
 pub use alarms::{AlarmView, DeviceSeen, Said, TagsSeen};
-pub use basis::{Basis, Extent};
+pub use basis::{Basis, Extent, Silent};
 pub use board::{NEWS_S, Order, Wanted};
 pub use compensated::{Before, Compensated, Seen};
 pub use events::{MOST_EVENTS, Past};
@@ -38,6 +40,7 @@ use crate::diagnosis::{Diagnosis, Verdict};
 use crate::signal::{LoopId, MILLIAMPERES};
 use alarms::Alarms;
 use events::EventLog;
+use looked::Looked;
 use std::collections::{HashMap, HashSet, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 use tokio::sync::broadcast;
@@ -208,6 +211,8 @@ pub struct Known {
     pub others: Vec<AlarmView>,
     /// The loop that it is expected to calm down with.
     pub swings_with: Option<LoopId>,
+    /// When the latest diagnosis ended whose source was not silent (s); where there was none, the first on a silent one.
+    pub looked_at: Option<f64>,
 }
 
 /// News.
@@ -245,6 +250,9 @@ struct Entry {
     model: ModelVersion,
     /// Friction as it was found last while no term acted.
     before: Option<Before>,
+    /// What stands for where it is read; `None` where nobody said.
+    source: Option<u64>,
+    looked: Looked,
 }
 
 impl Entry {
@@ -284,18 +292,13 @@ impl Results {
             keeper: kept::Keeping::default(),
         };
         // There is nothing to forget yet, whenever that is.
-        results.place(loops, alarm_config, 0.0);
+        results.reload(loops, alarm_config, 0.0);
         results
     }
 
     /// Takes another set of loops at `now`: known ones keep their results and alarms, the others are forgotten, and everybody
-    /// hears that alarms of theirs are over.
+    /// hears that alarms of theirs are over. That there are other loops is told by [`Results::tell_reload`], once they are shown.
     pub fn reload(&self, loops: &[LoopId], alarm_config: &alarm::Config, now: f64) {
-        self.place(loops, alarm_config, now);
-        self.tell(Event::Reloaded { loops: loops.len() });
-    }
-
-    fn place(&self, loops: &[LoopId], alarm_config: &alarm::Config, now: f64) {
         let mut entries = self.entries.write().unwrap_or_else(PoisonError::into_inner);
         self.place_alarms(loops, alarm_config, now);
         let mut old = std::mem::take(&mut *entries);
@@ -307,10 +310,18 @@ impl Results {
                     summaries: VecDeque::new(),
                     model: ModelVersion::default(),
                     before: None,
+                    source: None,
+                    looked: Looked::default(),
                 }))
             });
             entries.insert(id.clone(), entry);
         }
+    }
+
+    /// Tells everybody that another configuration is in force.
+    pub fn tell_reload(&self) {
+        let loops = self.entries.read().unwrap_or_else(PoisonError::into_inner).len();
+        self.tell(Event::Reloaded { loops });
     }
 
     /// Hears of every event from now on. A subscriber that lags behind by more than the backlog is told how many it lost.
@@ -356,33 +367,47 @@ impl Results {
     /// Takes the end of a run, lets the alarm see it and tells everybody. A run of a loop that is no longer there is
     /// handed back and otherwise ignored.
     pub fn record(&self, run: Run) -> Arc<Run> {
+        self.enter(run, true)
+    }
+
+    /// The same of a run on samples that were counted before: it is no vote for or against an alarm.
+    pub fn record_again(&self, run: Run) -> Arc<Run> {
+        self.enter(run, false)
+    }
+
+    fn enter(&self, run: Run, counts: bool) -> Arc<Run> {
         let run = Arc::new(run);
         let Some(entry) = self.entry(&run.id) else {
             return run;
         };
         let summary = run.summary();
         let mut entry = lock(&entry);
+        // A run that ends after a reload may be on another valve's samples.
+        let is_own = entry.is_of(run.source());
         if entry.summaries.len() == self.keep {
             entry.summaries.pop_front();
         }
         entry.summaries.push_back(summary.clone());
+        entry.look(&run, &summary);
         let mut new_model = None;
         if let Some(effects) = run.effects() {
-            if entry.model.version == 0 || entry.model.effects != effects {
+            // A run that looked at nothing says nothing of the effects.
+            let is_news = entry.model.version == 0 || entry.model.effects != effects;
+            if is_news && !summary.is_silent() {
                 let version = entry.model.version + 1;
                 entry.model = ModelVersion { version, since: run.finished, effects };
                 new_model = Some((run.id.clone(), entry.model.clone()));
             }
-            if run.sticks() && summary.compensated.is_none() {
+            if run.sticks() && summary.compensated.is_none() && is_own {
                 entry.before = summary.before();
             }
             match &run.outcome {
-                Outcome::Elsewhere(told) => entry.take(told),
+                Outcome::Elsewhere(told) => entry.take(told, run.source()),
                 _ => (entry.diagnosed, entry.restored) = (Some((run.clone(), summary.clone())), None),
             }
         }
         // Before the loop is let go, so that its runs reach its alarms, the store and who listens in order.
-        self.judge(&run, summary, new_model);
+        self.judge(&run, summary, new_model, counts && is_own);
         drop(entry);
         run
     }
@@ -406,6 +431,7 @@ impl Results {
             alarm,
             others,
             swings_with: self.swings_with(id),
+            looked_at: entry.looked.at,
         })
     }
 
@@ -414,19 +440,12 @@ impl Results {
         self.entry(id).map_or_else(Vec::new, |entry| lock(&entry).model.effects.clone())
     }
 
-    /// What the last run found and the next may take as given.
+    /// What the last run found and the next may take as given, whatever was said of a silent source since; nothing after a run that
+    /// failed, or where that run was on another valve's samples.
     pub fn structure(&self, id: &LoopId) -> Option<Structure> {
         let entry = self.entry(id)?;
         let entry = lock(&entry);
-        let told = entry.diagnosed.as_ref().map(|(_, summary)| summary);
-        let told = told.or(entry.restored.as_ref().map(|(_, summary)| summary))?;
-        // After a run that failed everything is searched for.
-        entry.summaries.back().filter(|last| last.time.to_bits() == told.time.to_bits())?;
-        let restored = || entry.restored.as_ref().and_then(|(restored, _)| restored.structure.clone());
-        match &entry.diagnosed {
-            Some((run, _)) => run.judged()?.structure().cloned(),
-            None => restored(),
-        }
+        entry.looked.structure.clone().filter(|_| entry.is_of(entry.looked.source))
     }
 
     /// Friction as it was found last while no term acted.

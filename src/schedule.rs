@@ -9,14 +9,21 @@
 //! A diagnosis cannot be interrupted. One past its deadline is reported as failed and its late result dropped, but its slot
 //! and its loop count as busy until it returns: otherwise a diagnosis that hangs would take thread after thread.
 //! A panic ends one run, is counted, and harms nothing else.
+//!
+//! A loop whose source is silent is not diagnosed: that is told in place of a verdict on old samples. A run counts for alarms
+//! only where its record, and what was fitted of it, has gone on since the run that counted last.
 
 mod clock;
 mod config;
+mod counters;
+mod evidence;
 mod queues;
 mod stagger;
 
 pub use clock::Clock;
 pub use config::Config;
+pub use counters::Counters;
+pub use evidence::Silence;
 pub use queues::Refused;
 pub use stagger::{Job, next_due, stagger};
 
@@ -24,12 +31,14 @@ use crate::diagnosis::Settings;
 use crate::residual::Structure;
 use crate::results::{Basis, Judged, Outcome, Results, Run, Told, Trigger};
 use crate::signal::{LoopId, Record};
+use counters::Counts;
+use evidence::{Counted, Reach};
 use futures::future::BoxFuture;
 use queues::Queues;
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap, HashSet};
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::Ordering::Relaxed;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::sync::{Semaphore, oneshot, watch};
@@ -58,6 +67,10 @@ pub struct Asked {
     pub started: f64,
     /// Who wants it.
     pub trigger: Trigger,
+    /// Stamp of the newest good sample of OP and PV (s).
+    pub newest: Option<f64>,
+    /// Time between two runs of the loop (s).
+    pub period_s: f64,
 }
 
 /// Asks another machine for a diagnosis; `None` when nobody answers: then it is made here.
@@ -73,35 +86,14 @@ pub struct Plan {
     pub jobs: Vec<Job>,
     /// Where the records come from.
     pub snapshot: Snapshot,
+    /// Which loops nothing comes of any more.
+    pub silence: Silence,
     /// Settings of the diagnosis.
     pub settings: Settings,
     /// Loops that have no job are those of other machines.
     pub follows: bool,
     /// Loops whose every run searches: write-back may act on them.
     pub searched: HashSet<LoopId>,
-}
-
-/// Counters since the start, and what is going on now.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Counters {
-    /// Runs that ended with a diagnosis.
-    pub diagnosed: u64,
-    /// Those of them that searched for nothing, because the last model still fits.
-    pub confirmed: u64,
-    /// Runs that passed their deadline.
-    pub deadline_exceeded: u64,
-    /// Runs that panicked.
-    pub panicked: u64,
-    /// Due, but the loop's previous run still waited or was not done.
-    pub skipped_waiting: u64,
-    /// Due while the scheduler itself was held up (a suspended machine).
-    pub skipped_late: u64,
-    /// Runs waiting for a slot, now.
-    pub queued: u64,
-    /// Runs in a slot, now.
-    pub running: u64,
-    /// Time spent in diagnoses (s on the wall clock).
-    pub busy_s: f64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -117,9 +109,14 @@ enum Phase {
 struct Seat {
     id: LoopId,
     inner: Mutex<(Phase, Vec<oneshot::Sender<Arc<Run>>>)>,
+    counted: Counted,
 }
 
 impl Seat {
+    fn new(id: LoopId) -> Self {
+        Self { id, inner: Mutex::new((Phase::Idle, Vec::new())), counted: Counted::default() }
+    }
+
     fn lock(&self) -> MutexGuard<'_, (Phase, Vec<oneshot::Sender<Arc<Run>>>)> {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -139,18 +136,6 @@ struct Table {
     plan: Plan,
     seats: Vec<Arc<Seat>>,
     by_id: HashMap<LoopId, usize>,
-}
-
-#[derive(Default)]
-struct Counts {
-    diagnosed: AtomicU64,
-    confirmed: AtomicU64,
-    deadline_exceeded: AtomicU64,
-    panicked: AtomicU64,
-    skipped_waiting: AtomicU64,
-    skipped_late: AtomicU64,
-    running: AtomicU64,
-    busy_us: AtomicU64,
 }
 
 /// Runs diagnoses by period and on demand.
@@ -199,18 +184,7 @@ impl Scheduler {
 
     /// What happened so far.
     pub fn counters(&self) -> Counters {
-        let count = |counter: &AtomicU64| counter.load(Relaxed);
-        Counters {
-            diagnosed: count(&self.counts.diagnosed),
-            confirmed: count(&self.counts.confirmed),
-            deadline_exceeded: count(&self.counts.deadline_exceeded),
-            panicked: count(&self.counts.panicked),
-            skipped_waiting: count(&self.counts.skipped_waiting),
-            skipped_late: count(&self.counts.skipped_late),
-            queued: self.queues.waiting(),
-            running: count(&self.counts.running),
-            busy_s: count(&self.counts.busy_us) as f64 * 1e-6,
-        }
+        self.counts.with(self.queues.waiting())
     }
 
     /// Asks for a diagnosis now. If the loop is already queued or running the caller waits for that run. The run goes on
@@ -348,22 +322,27 @@ impl Scheduler {
         // The loop may have gone away between being due and being run.
         match self.copied(&seat.id, started, trigger).await {
             None => drop(seat.enter(Phase::Idle)),
-            Some(asked) => match self.told(&asked).await {
-                Some(told) => {
-                    self.count_told(&told);
-                    // It ended when it says so: the same on every machine that keeps it.
-                    let finished = told.summary.time;
-                    self.finish(
-                        seat,
-                        (&asked, began, finished),
-                        Outcome::Elsewhere(Box::new(told)),
-                        Phase::Idle,
-                    );
-                }
-                None => self.judge(seat, &asked, began).await,
-            },
+            Some(asked) => self.answer(seat, &asked, began).await,
         }
         self.counts.busy_us.fetch_add(began.elapsed().as_micros() as u64, Relaxed);
+    }
+
+    /// Says what there is to say of a record: that nothing comes any more, what others say, or what is found here.
+    async fn answer(&self, seat: &Arc<Seat>, asked: &Asked, began: tokio::time::Instant) {
+        let finish = |outcome, finished| self.finish(seat, (asked, began, finished), outcome, Phase::Idle);
+        if let Some(silent) = asked.basis.silent {
+            self.count(None);
+            return finish(evidence::of_silence(silent), self.clock.now());
+        }
+        match self.told(asked).await {
+            Some(told) => {
+                self.count_told(&told);
+                // It ended when it says so: the same on every machine that keeps it.
+                let finished = told.summary.time;
+                finish(Outcome::Elsewhere(Box::new(told)), finished);
+            }
+            None => self.judge(seat, asked, began).await,
+        }
     }
 
     /// What is remembered of a loop, and what a diagnosis of it depends on.
@@ -373,12 +352,15 @@ impl Scheduler {
         let given = trigger == Trigger::Periodic && !table.plan.searched.contains(id);
         let structure = given.then(|| self.results.structure(id)).flatten();
         let friction = self.results.before(id);
+        // Of one that has gone there is nothing to copy.
+        let period_s = table.by_id.get(id).map_or(f64::INFINITY, |at| table.plan.jobs[*at].period_s);
         let copied = tokio::task::spawn_blocking(move || {
             let record = (table.plan.snapshot)(&own)?;
-            let basis = Basis::of(&record, &table.plan.settings, structure).after(friction);
-            Some((Arc::new(record), Arc::new(basis)))
+            let silent = (table.plan.silence)(&own, &record, period_s);
+            let basis = Basis::of(&record, &table.plan.settings, structure).after(friction).silent(silent);
+            Some((evidence::newest(&record), Arc::new(record), Arc::new(basis)))
         });
-        let (record, basis) = match copied.await {
+        let (newest, record, basis) = match copied.await {
             Ok(copied) => copied?,
             Err(error) => {
                 // Without one the runtime is going down.
@@ -390,7 +372,7 @@ impl Scheduler {
                 return None;
             }
         };
-        Some(Asked { id: id.clone(), record, basis, started, trigger })
+        Some(Asked { id: id.clone(), record, basis, started, trigger, newest, period_s })
     }
 
     async fn told(&self, asked: &Asked) -> Option<Told> {
@@ -477,7 +459,11 @@ impl Scheduler {
             basis,
             outcome,
         };
-        let run = self.results.record(run);
+        let before = || evidence::last_said(&self.results.summaries(&seat.id)?, finished);
+        let reach = || asked.newest.map(|newest| Reach { newest, fitted: run.fitted_until() });
+        let again =
+            evidence::says(run.outcome.as_str()) && !seat.counted.takes(reach(), asked.period_s, before);
+        let run = if again { self.results.record_again(run) } else { self.results.record(run) };
         for waiter in seat.enter(phase) {
             // An error here only means that the caller did not wait.
             let _ = waiter.send(run.clone());
@@ -489,9 +475,7 @@ impl Table {
     fn new(plan: Plan, before: Option<&Arc<Table>>) -> Self {
         let seat = |job: &Job| {
             let known = before.and_then(|table| Some(table.seats[*table.by_id.get(&job.id)?].clone()));
-            known.unwrap_or_else(|| {
-                Arc::new(Seat { id: job.id.clone(), inner: Mutex::new((Phase::Idle, Vec::new())) })
-            })
+            known.unwrap_or_else(|| Arc::new(Seat::new(job.id.clone())))
         };
         let seats = plan.jobs.iter().map(seat).collect();
         let by_id = plan.jobs.iter().enumerate().map(|(at, job)| (job.id.clone(), at)).collect();

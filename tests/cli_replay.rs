@@ -5,13 +5,13 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
 use stictiond::app::App;
-use stictiond::diagnosis::Settings;
+use stictiond::diagnosis::{Diagnosis, NotIdentifiable, Settings, Verdict};
 use stictiond::residual::Structure;
-use stictiond::results::{Basis, Judged, Outcome, Run, Trigger};
+use stictiond::results::{Basis, Judged, Outcome, Run, Silent, Trigger};
 use stictiond::serve::LoopInfo;
 use stictiond::serve::dto::bundle::Bundle;
 use stictiond::serve::dto::{BasisText, Report};
-use stictiond::signal::{BadReason, LoopId, Quality, Record, Sample, Series};
+use stictiond::signal::{BadReason, LoopId, Quality, Record, Role, Sample, Series};
 use stictiond::sim::{demo_plant, simulate};
 use stictiond::store::{self, Batch, DiagnosisRow, Row, Store, TagName, pack};
 
@@ -233,6 +233,19 @@ fn a_bundle_gives_the_same_report_and_what_is_none_is_refused() {
     let (code, out, err) = replay(&[&file("good.json", &good)]);
     assert_eq!((code, err.as_str()), (Some(0), ""), "{out}");
     assert!(out.ends_with("1 of 1 diagnoses identical to the recorded, bit for bit\n"), "{out}");
+
+    // Of a run whose source was silent that is told again, whatever its samples say.
+    let silent = Silent { tag: Role::Pv, since: START + 39_998.0 };
+    let why = NotIdentifiable::Silent { tag: silent.tag, since: silent.since };
+    let said = why.to_string();
+    let outcome = Outcome::Diagnosed(Box::new(Diagnosis::bare(Verdict::NotIdentifiable(why), said).into()));
+    let asked = Basis::clone(&basis).silent(Some(silent));
+    let untold = Run { basis: Some(Arc::new(asked.clone())), outcome, ..run.clone() };
+    let untold = Bundle::of(&info, &untold, &asked, &record).expect("told");
+    let path = file("silent.json", &serde_json::to_string(&untold).expect("text"));
+    let (code, out, err) = replay(&[&path]);
+    assert_eq!((code, err.as_str()), (Some(0), ""), "{out}");
+    assert!(out.contains("A  not_identifiable  f -") && out.contains("1 of 1 diagnoses identical"), "{out}");
 
     let mut moved = bundle.clone();
     moved.samples[1].value[700] = moved.samples[1].value[700].map(|value| value + 1e-9);

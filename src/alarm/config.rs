@@ -48,6 +48,19 @@ impl Kind {
         }
     }
 
+    /// What an alarm of this kind is about, as mails, reports and the page call it.
+    pub fn words(self) -> &'static str {
+        match self {
+            Kind::Stiction => "the valve sticks",
+            Kind::FRising => "friction rises",
+            Kind::NotIdentifiable => "cannot be told",
+            Kind::TagBad => "a tag is bad",
+            Kind::CollectorDown => "the collector is down",
+            Kind::CompensationTripped => "write-back was closed by a fault",
+            Kind::UnexplainedResidual => "much is unexplained",
+        }
+    }
+
     /// The kind of this name.
     pub fn named(name: &str) -> Option<Kind> {
         Kind::ALL.into_iter().find(|kind| kind.as_str() == name)

@@ -297,6 +297,17 @@ impl Alarm {
         taken
     }
 
+    /// What was observed until `now` was of something else, whose place its subject has taken: it counts no more. A condition that
+    /// holds does so until it is observed to be gone; of friction that grows nothing is left to observe, so it is over.
+    pub fn forget_evidence(&mut self, now: f64, config: &Config) -> Vec<Transition> {
+        let mut taken = self.tick(now);
+        (self.votes, self.pending, self.trend) = (Votes::default(), None, Trend::default());
+        if self.kind == Kind::FRising && self.flags.active {
+            taken.extend(self.flip(now, config));
+        }
+        taken
+    }
+
     /// Takes how it was left before a start that did not know it into what it has become since.
     pub fn merge(&mut self, left: Saved, now: f64, config: &Config) -> Vec<Transition> {
         let own = self.saved();

@@ -35,7 +35,10 @@ impl Device {
         let collector = collector.dialling(dial.clone()).pinning(pinned);
         let ring = |tag: usize| Some((tag, history.ring(tag)?.clone()));
         let by_tag = plan.tags().into_iter().filter_map(ring).collect();
-        let rings = Arc::new(Rings { by_tag, polled: watch::Sender::new(0) });
+        // A subscription brings what has changed, and so does reading what keeps its stamp. A broker cannot tell a source that says
+        // nothing from one that is gone: its tags are there one by one, when each is told again.
+        let tells_changes = matches!(plan, Plan::Opcua(_));
+        let rings = Arc::new(Rings { by_tag, polled: watch::Sender::new(0), clock, tells_changes });
         let health = collector.health();
         Self { plan, rings, health, heard: None, collector: Some(collector), task: None }
     }

@@ -132,8 +132,8 @@ impl Notifications {
             None => stop.cancelled().await,
         }
         let all = std::mem::take(&mut lock(&self.receivers).all);
-        for receiver in all {
-            receiver.end().await;
+        for mut receiver in all {
+            receiver.leave().await;
         }
     }
 
@@ -145,18 +145,23 @@ impl Notifications {
             *own = Arc::new(places(config).after(&own));
         }
         let specs = specs(config);
-        let (stay, go): (Vec<_>, Vec<_>) = std::mem::take(&mut lock(&self.receivers).all)
-            .into_iter()
+        let (mut staying, mut letters, mut ending) = (Vec::new(), HashMap::new(), Vec::new());
+        for own in &mut lock(&self.receivers).all {
             // Who has said that it is gone is asked anew.
-            .partition(|own| specs.contains(&own.spec) && !own.state.is_gone());
-        let mut letters = HashMap::new();
-        for receiver in go {
-            letters.extend(receiver.letters.clone().map(|own| (receiver.spec.name().to_string(), own)));
-            receiver.end().await;
+            if specs.contains(&own.spec) && !own.state.is_gone() {
+                staying.push(own.spec.clone());
+            } else {
+                letters.extend(own.letters.clone().map(|letters| (own.spec.name().to_string(), letters)));
+                ending.push(own.leave());
+            }
+        }
+        // Meanwhile those that go are shown and asked as before: this machine is not one that tells nobody.
+        for left in ending {
+            left.await;
         }
         let mut new: Vec<Receiver> = specs
             .into_iter()
-            .filter(|spec| stay.iter().all(|own| own.spec != *spec))
+            .filter(|spec| !staying.contains(spec))
             .map(|spec| {
                 let own = letters.remove(spec.name());
                 self.receiver(spec, own)
@@ -166,7 +171,7 @@ impl Notifications {
         if receivers.stop.as_ref().is_some_and(|stop| !stop.is_cancelled()) {
             new.iter_mut().for_each(Receiver::begin);
         }
-        receivers.all = stay;
+        receivers.all.retain(|own| !own.stop.is_cancelled());
         receivers.all.append(&mut new);
     }
 
@@ -224,12 +229,16 @@ impl Receiver {
         self.task = self.work.take().map(tokio::spawn);
     }
 
-    async fn end(self) {
+    /// Stops it; it has ended when what is given back has.
+    fn leave(&mut self) -> impl Future<Output = ()> + Send + use<> {
         self.stop.cancel();
-        if let Some(task) = self.task
-            && let Err(error) = task.await
-        {
-            tracing::error!(receiver = self.spec.name(), %error, "a receiver's task failed");
+        let (task, name) = (self.task.take(), self.spec.name().to_string());
+        async move {
+            if let Some(task) = task
+                && let Err(error) = task.await
+            {
+                tracing::error!(receiver = name, %error, "a receiver's task failed");
+            }
         }
     }
 
@@ -259,6 +268,7 @@ impl NotificationPort for Notifications {
                 kind: "mqtt",
                 failing: (!counters.connected.load(Relaxed))
                     .then(|| counters.lost().unwrap_or_else(|| ("not connected yet".into(), f64::NAN))),
+                sent_at: counters.taken_at(),
                 sent: counters.published.load(Relaxed),
                 failed: counters.losses.load(Relaxed),
                 dropped: counters.dropped.load(Relaxed),
@@ -328,6 +338,73 @@ fn places(config: &Config) -> Places {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::alarm;
+    use std::pin::pin;
+    use std::task::Poll;
+    use std::time::Duration;
+
+    /// A plant of one loop, with this in `[notify]`.
+    fn config(notify: &str) -> Config {
+        let mut text = "[[modbus]]\nname = 'dcs'\naddress = '10.0.0.5:502'\naddress_base = 0\n".to_string();
+        text += "[[loop]]\nid = 'A'\n";
+        for (role, address) in [("op", 0), ("pv", 2)] {
+            text += &format!(
+                "[loop.{role}]\ndevice = 'dcs'\nregister = 'input'\naddress = {address}\ntype = 'f32'\n"
+            );
+        }
+        crate::config::parse("plant.toml", &(text + notify)).unwrap_or_else(|errors| panic!("{errors:?}"))
+    }
+
+    fn notifications(config: &Config) -> Notifications {
+        let results = Arc::new(Results::new(&[LoopId::new("A")], 3, &alarm::Config::default()));
+        Notifications::new(config, Clock::by_hand(1000.0), &results, None)
+    }
+
+    #[tokio::test]
+    async fn who_is_told_is_known_all_through_a_reload() {
+        let told = |port: u16| {
+            config(&format!(
+                "[[notify.webhook]]\nname = 'cmms'\nurl = 'http://127.0.0.1:{port}/'\nsecret_env = 'NO_SUCH_SECRET'\n"
+            ))
+        };
+        let own = notifications(&told(1));
+        let stop = CancellationToken::new();
+        let mut running = pin!(own.run(stop.clone()));
+        let began = std::future::poll_fn(|cx| Poll::Ready(running.as_mut().poll(cx))).await;
+        assert!(began.is_pending());
+        let other = told(2);
+        let mut reloading = pin!(own.reload(&other));
+        let mut looks = 0;
+        let through = async {
+            loop {
+                let ended = std::future::poll_fn(|cx| Poll::Ready(reloading.as_mut().poll(cx))).await;
+                let names: Vec<String> = own.receivers().into_iter().map(|own| own.name).collect();
+                assert_eq!((names, own.replay("cmms", None)), (vec!["cmms".to_string()], Some(0)), "{looks}");
+                if ended.is_ready() {
+                    return;
+                }
+                looks += 1;
+                tokio::task::yield_now().await;
+            }
+        };
+        tokio::time::timeout(Duration::from_secs(60), through).await.expect("it ends");
+        assert!(looks > 0, "it was over at once, so nothing was looked at");
+        assert!(lock(&own.receivers).all.iter().all(|own| own.spec == specs(&other)[0]), "the new one");
+        stop.cancel();
+        running.await;
+        assert!(own.receivers().is_empty());
+    }
+
+    #[test]
+    fn when_a_broker_last_took_a_message_is_told() {
+        let own = notifications(&config("[notify.mqtt]\naddress = '127.0.0.1:1'\n"));
+        let told =
+            || own.receivers().into_iter().map(|own| (own.name, own.sent, own.sent_at)).collect::<Vec<_>>();
+        assert_eq!(told(), [("mqtt".to_string(), 0, None)]);
+        let (_, counters) = own.publisher.as_ref().expect("it is configured");
+        counters.takes(5000.0);
+        assert_eq!(told(), [("mqtt".to_string(), 1, Some(5000.0))]);
+    }
 
     #[test]
     fn a_collector_belongs_to_the_groups_of_all_tags_that_it_serves() {

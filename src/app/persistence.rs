@@ -10,16 +10,14 @@ pub(super) mod rows;
 mod terms;
 mod waiting;
 
-use super::plantwide;
+use super::plantwide::rows::KeptPlant;
 use crate::config::Config;
 use crate::history::{History, Ring};
-use crate::indicators::series::Values;
 use crate::results::{Remembered, Results};
 use crate::schedule::Clock;
 use crate::serve::{AskDurable, AskStore, StoreState};
 use crate::signal::LoopId;
 use crate::store::{self, AlarmRow, Flusher, Found, ModelRow, Reader, Store, StoreError, TagName, Writer};
-use crate::work::Order;
 use feed::StoreFeed;
 use rows::{remembered, remembered_alarms, remembered_changes, remembered_model};
 use std::collections::VecDeque;
@@ -45,11 +43,8 @@ pub(super) struct Persistence {
     writer: Arc<Mutex<Option<Writer>>>,
 }
 
-/// A loop's indicators, day by day.
-pub(super) type Days = (LoopId, Vec<(f64, Values)>);
-
 /// Takes orders and indicators as they were kept.
-pub(super) type TakeBack = Box<dyn Fn(Vec<Order>, Vec<Days>) + Send + Sync>;
+pub(super) type TakeBack = Box<dyn Fn(KeptPlant) + Send + Sync>;
 
 /// What the collectors' and the scheduler's side shares with the writer's thread.
 #[derive(Default)]
@@ -59,7 +54,7 @@ struct Shared {
     /// Rows of parts that make their own.
     rows: Mutex<VecDeque<store::Row>>,
     /// Orders and indicators as they were kept, until there is somebody who takes them.
-    plantwide: Mutex<(Vec<Order>, Vec<Days>)>,
+    plantwide: Mutex<KeptPlant>,
     take_back: OnceLock<TakeBack>,
     /// What is there was read, though it could not be opened.
     has_read: AtomicBool,
@@ -223,8 +218,8 @@ impl Persistence {
     /// Gives orders and indicators back to `take_back`: as they were kept, and whatever is found later that was not known, as
     /// of a loop that is configured again, or once a store works that could not be read at the start.
     pub(super) fn give_back_plantwide(&self, take_back: TakeBack) {
-        let (orders, days) = std::mem::take(&mut *lock(&self.shared.plantwide));
-        take_back(orders, days);
+        let kept = std::mem::take(&mut *lock(&self.shared.plantwide));
+        take_back(kept);
         // There is one who takes them.
         let _ = self.shared.take_back.set(take_back);
     }
@@ -410,7 +405,9 @@ fn merge(config: &store::Config, results: &Results, found: Found, now: f64) {
     let past = Reader::of(config).and_then(|reader| {
         results.restore_alarms(Vec::new(), remembered_changes(&reader)?);
         for id in found.models.iter().map(|model| LoopId::new(model.control_loop.as_str())) {
-            results.restore(&id, remembered(&reader, &id, results.room())?);
+            if !results.restore(&id, remembered(&reader, &id, results.room())?) {
+                results.forget_evidence(&id, now);
+            }
         }
         Ok(())
     });
@@ -436,9 +433,12 @@ fn named(history: &History) -> impl Iterator<Item = (TagName, Arc<Ring>)> {
 
 /// Fills rings that are empty with what they held; how many samples that were.
 fn refill(reader: &mut Reader, history: &History, together: usize) -> Result<usize, StoreError> {
-    let empty: Vec<_> = named(history).filter(|(_, ring)| ring.pushed() == 0).collect();
+    let mut empty: Vec<_> = named(history).filter(|(_, ring)| ring.pushed() == 0).collect();
+    // Each is asked for as much as the largest of those that are asked for together.
+    empty.sort_by_key(|(_, ring)| ring.capacity());
+    let alike = empty.chunk_by(|a, b| a.1.capacity() == b.1.capacity());
     let mut count = 0;
-    for some in empty.chunks(together) {
+    for some in alike.flat_map(|alike| alike.chunks(together)) {
         let names: Vec<TagName> = some.iter().map(|(name, _)| name.clone()).collect();
         let room = some.iter().map(|(_, ring)| ring.capacity()).max().unwrap_or(0);
         let mut kept = reader.last(&names, room)?;
@@ -493,11 +493,10 @@ fn state(status: store::Status, shared: &Shared) -> StoreState {
 impl Shared {
     /// Gives the orders and indicators among some states to who takes them.
     fn give_back(&self, states: &[AlarmRow]) {
-        let orders = states.iter().filter_map(plantwide::rows::order_of).collect();
-        let days = states.iter().filter_map(plantwide::rows::health_of).collect();
+        let kept = KeptPlant::of(states);
         match self.take_back.get() {
-            Some(take_back) => take_back(orders, days),
-            None => *lock(&self.plantwide) = (orders, days),
+            Some(take_back) => take_back(kept),
+            None => *lock(&self.plantwide) = kept,
         }
     }
 }

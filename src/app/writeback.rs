@@ -10,18 +10,20 @@ pub(super) use absent::WritebackControl;
 #[cfg(feature = "writeback")]
 pub(super) use enabled::WritebackControl;
 
+use crate::config::Config;
 use crate::history::{History, TagKind};
 use crate::signal::{LoopId, Role, Sample};
 
-/// Ends, at `now` (s), every term that nobody writes. A daemon that was killed left its last one in the store; it came back with
-/// the ring and would hide friction for ever, although the DCS has dropped it.
-fn end_terms(history: &History, now: f64, is_written: impl Fn(&LoopId) -> bool) {
-    for own in history.loops().iter().filter(|own| !is_written(&own.id)) {
-        let tag = history.tag_index(&own.id, &TagKind::Role(Role::Term));
-        if let Some(ring) = tag.and_then(|tag| history.ring(tag))
-            && ring.latest().is_some_and(|last| last.value != 0.0)
-        {
-            ring.push(Sample::good(now, 0.0));
+/// Ends every term, before one is written at `now` (s). A daemon that was killed left its last one in the store, and it came back
+/// with the ring. It would hide friction for ever, and would be added to an OP that is filled in later, although the DCS dropped
+/// it soon after.
+fn end_terms(history: &History, config: &Config, now: f64) {
+    for own in &config.loops {
+        let Some(writeback) = &own.writeback else { continue };
+        let tag = history.tag_index(&LoopId::new(own.id.as_str()), &TagKind::Role(Role::Term));
+        let Some(ring) = tag.and_then(|tag| history.ring(tag)) else { continue };
+        if let Some(last) = ring.latest().filter(|last| last.value != 0.0) {
+            ring.push(Sample::good(now.min(last.t + writeback.term_lasts_s()), 0.0));
         }
     }
 }

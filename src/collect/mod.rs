@@ -65,6 +65,10 @@ pub trait Sink: Send + Sync + 'static {
     /// itself yields what it sent.
     fn sample(&self, tag: usize, sample: Sample);
 
+    /// The good value of the tag that `app` numbered `tag` came again with its old stamp: its source is there, and nothing has
+    /// changed. Only from a broker: what is polled, or subscribed to at a server, is there while it answers.
+    fn again(&self, _tag: usize) {}
+
     /// One poll of the device that `app` numbered `device` has ended; its samples came before.
     fn poll(&self, device: usize, poll: Poll);
 }

@@ -34,6 +34,7 @@
 //! The line of a block changes with each lap of the ring. Lines of two laps are kept by turns: the line of sample `i` is
 //! overwritten two laps later, when `i` itself is gone.
 
+use super::heard::Heard;
 use crate::signal::{BadReason, Quality, Sample};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicU64, Ordering, fence};
@@ -169,6 +170,7 @@ pub struct Ring {
     head: AtomicU64,
     writing: AtomicBool,
     refused: AtomicU64,
+    heard: Heard,
 }
 
 impl Ring {
@@ -182,7 +184,13 @@ impl Ring {
             head: AtomicU64::new(0),
             writing: AtomicBool::new(false),
             refused: AtomicU64::new(0),
+            heard: Heard::default(),
         }
+    }
+
+    /// When something last came.
+    pub fn heard(&self) -> &Heard {
+        &self.heard
     }
 
     /// Bytes that a ring of this capacity holds while every sample fits 32 bits.

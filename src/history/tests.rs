@@ -1,4 +1,5 @@
 use super::*;
+use crate::signal::{BadReason, Quality};
 
 fn tag(role: Role, source: &str) -> TagSpec {
     TagSpec { kind: TagKind::Role(role), unit: "%".into(), source: source.into() }
@@ -105,6 +106,59 @@ fn terms_of_a_loop_without_write_back_are_known_as_long_as_op_of_their_time_is()
 }
 
 #[test]
+fn what_acted_on_an_op_is_known_or_the_op_is_left_out() {
+    let measured = || vec![tag(Role::Op, "a"), tag(Role::Pv, "b")];
+    let without = [control_loop("A", measured())];
+    let with = [control_loop("A", [measured(), vec![tag(Role::Term, "write-back")]].concat())];
+    let (config, id) = (Config { samples_per_tag: 10 }, LoopId::new("A"));
+    let told = |history: &History| {
+        let record = history.snapshot(&id).expect("there");
+        let input = record.input();
+        assert!(input.iter().all(|own| own.value == 52.5), "{input:?}");
+        assert!(record.term.iter().flatten().all(|own| own.quality.is_good()));
+        (record.op.first().map(|own| own.t), record.pv.len())
+    };
+    // So many terms to a sample of OP: of five each the first ten are overwritten, and later two more by what is put in front of and
+    // behind them.
+    for (each, first, again) in [(3u32, 0.0, 0.0), (5, 2.0, 3.0)] {
+        let history = History::new(&with, &config);
+        for t in (0..10).map(f64::from) {
+            assert!(history.push(0, Sample::good(t, 50.0)) && history.push(1, Sample::good(t, 50.0)));
+            let terms = (0..each).map(|k| Sample::good(t + f64::from(k) / f64::from(each), 2.5));
+            terms.for_each(|own| assert!(history.push(2, own)));
+        }
+        assert_eq!(told(&history), (Some(first), 10));
+        let after = |before: &History, loops: &[LoopTags]| {
+            let history = before.successor(loops, &config);
+            history.keep_terms_of(before, 60.0);
+            history
+        };
+        let removed = after(&history, &without);
+        assert_eq!(told(&removed), (Some(first), 10), "write-back was removed");
+        assert_eq!(told(&after(&removed, &with)), (Some(again), 10), "and is there again");
+        assert_eq!(told(&after(&history, &with)), (Some(first), 10), "the same file again");
+    }
+}
+
+#[test]
+fn where_op_and_pv_are_read_is_which_valve_it_is() {
+    let of = |op: &str, pv: &str, sp: &str, mv: Option<&str>| {
+        let mut tags = vec![tag(Role::Op, op), tag(Role::Pv, pv), tag(Role::Sp, sp)];
+        tags.extend(mv.map(|mv| tag(Role::Mv, mv)));
+        let history = History::new(&[control_loop("A", tags)], &Config { samples_per_tag: 10 });
+        let source = history.source(&LoopId::new("A"));
+        assert_eq!(history.snapshot(&LoopId::new("A")).expect("there").source, source);
+        source.expect("there")
+    };
+    let own = of("a", "b", "c", None);
+    assert_eq!(of("a", "b", "elsewhere", None), own, "a set point is no part of the valve");
+    assert_eq!(of("a", "b", "c", Some("d")), own, "a stem that is measured now is that of the same valve");
+    let others = [of("a2", "b", "c", None), of("b", "b", "c", None), of("a", "b2", "c", None)];
+    assert!(!others.contains(&own));
+    assert_eq!(History::new(&[], &Config::default()).source(&LoopId::new("A")), None);
+}
+
+#[test]
 fn a_clock_that_is_set_back_begins_a_new_record() {
     let history = History::new(&two_loops(), &Config { samples_per_tag: 100 });
     let id = LoopId::new("FIC1");
@@ -185,6 +239,53 @@ fn trends_are_cut_by_time_and_thinned() {
     assert_eq!(history.samples(&LoopId::new("XX"), 0.0, 1.0, 10), None);
     let few = history.samples(&LoopId::new("FIC1"), 0.0, 9.0, 3).expect("there");
     assert_eq!((few[0].found, few[0].samples.len()), (5, 2));
+}
+
+#[test]
+fn what_held_before_a_trend_begins_is_told_and_so_is_whether_a_source_sends_changes_only() {
+    let history = History::new(&two_loops(), &Config { samples_per_tag: 100 });
+    for (t, value) in [(0.0, 50.0), (8.0, 60.0)] {
+        history.push(2, Sample::good(t, value));
+    }
+    // The same value counts again after a bad sample.
+    history.push(2, Sample { t: 9.0, value: 0.0, quality: Quality::Bad(BadReason::LinkDown) });
+    history.push(2, Sample::good(10.0, 60.0));
+    (0..20).for_each(|i| assert!(history.push(0, Sample::good(f64::from(i), f64::from(i / 2)))));
+    let sp = |from: f64| {
+        let trend = history.samples(&LoopId::new("FIC1"), from, 20.0, 100).expect("there").remove(2);
+        (trend.found, trend.before.map(|s| (s.t, s.value)), trend.by_changes)
+    };
+    assert_eq!(sp(f64::NEG_INFINITY), (4, None, true));
+    assert_eq!(sp(0.0), (4, None, true));
+    assert_eq!(sp(8.5), (2, Some((8.0, 60.0)), true));
+    assert_eq!(sp(15.0), (0, Some((10.0, 60.0)), true));
+    let trends = history.samples(&LoopId::new("FIC1"), 5.0, 20.0, 100).expect("there");
+    assert_eq!((trends[0].before.map(|s| s.t), trends[0].by_changes), (Some(4.0), false));
+}
+
+#[test]
+fn a_value_is_as_old_as_it_was_last_known_to_hold_whatever_its_stamp_says() {
+    let history = History::new(&two_loops(), &Config { samples_per_tag: 100 });
+    // Our own clock shows 1000 s at the start.
+    let ages = |now_s: f64| -> Vec<Option<f64>> {
+        let aged = history.aged(&LoopId::new("FIC1"), 1000.0 + now_s, now_s);
+        aged.into_iter().map(|(_, newest)| newest.map(|(_, age_s)| age_s)).collect()
+    };
+    assert_eq!(ages(0.0), [None; 4]);
+    // What a store gave back is as old as our clock says.
+    (0..4).for_each(|tag| assert!(history.push(tag, Sample::good(900.0, 1.0))));
+    assert_eq!(ages(10.0), [Some(110.0); 4]);
+    // OP comes from a source that is five hours behind, PV from one that is ahead.
+    for (tag, t, at) in [(0, -17_000.0, 20.0), (1, 5000.0, 25.0)] {
+        history.push(tag, Sample::good(t, 2.0));
+        history.ring(tag).expect("a tag").heard().sample(t, at);
+    }
+    assert_eq!(ages(30.0), [Some(10.0), Some(5.0), Some(130.0), Some(130.0)]);
+    // A source that tells every change was there since; one that repeats values would have said more than that.
+    (0..4).for_each(|tag| history.ring(tag).expect("a tag").heard().seen(290.0));
+    history.push(3, Sample::good(901.0, 1.0));
+    assert_eq!(ages(300.0), [Some(10.0), Some(10.0), Some(10.0), Some(399.0)]);
+    assert!(history.aged(&LoopId::new("XX"), 0.0, 0.0).is_empty());
 }
 
 #[test]

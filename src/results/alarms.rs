@@ -184,6 +184,11 @@ impl Results {
         board.flood.view()
     }
 
+    /// Longest time that an alarm may be shelved (s).
+    pub fn max_shelve_s(&self) -> f64 {
+        self.alarms.lock().config.max_shelve_s
+    }
+
     /// Somebody acts on an alarm at `now`; `None` for an alarm that is not there.
     ///
     /// # Errors
@@ -312,6 +317,11 @@ impl Results {
         self.with_board(|board, news| board.begin_anew(was_there, now, news));
     }
 
+    /// What diagnoses said of a loop until `now` was of another valve: it is no longer evidence for or against its alarms.
+    pub fn forget_evidence(&self, id: &LoopId, now: f64) {
+        self.with_board(|board, news| board.forget_evidence(id, now, news));
+    }
+
     /// The design that the configuration in force has for its alarms, from `now` on.
     pub fn apply_design(&self, now: f64) {
         self.with_board(|board, news| board.design(now, news));
@@ -321,12 +331,18 @@ impl Results {
         self.with_board(|board, news| board.place(loops, config, now, news));
     }
 
-    /// What a run says to its loop's alarms, kept together with the run and told after it.
-    pub(super) fn judge(&self, run: &Arc<Run>, summary: Summary, new_model: Option<(LoopId, ModelVersion)>) {
+    /// What a run says to its loop's alarms, kept together with the run and told after it; `counts`: whether it is a vote.
+    pub(super) fn judge(
+        &self,
+        run: &Arc<Run>,
+        summary: Summary,
+        new_model: Option<(LoopId, ModelVersion)>,
+        counts: bool,
+    ) {
         let reinforced = self.is_reinforced(&run.id);
         let mut board = self.alarms.lock();
         let mut news = News::default();
-        board.judge(run.short(), &summary, reinforced, &mut news);
+        board.judge(run.short(counts), &summary, reinforced, &mut news);
         self.keep(Some((run.clone(), summary.clone())), new_model, news.kept);
         self.tell(Event::Run(run.id.clone(), summary));
         self.tell_alarms(news.told);

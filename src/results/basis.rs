@@ -3,7 +3,16 @@
 use super::Before;
 use crate::diagnosis::Settings;
 use crate::residual::Structure;
-use crate::signal::{Record, Sample, Series, SpanSource};
+use crate::signal::{Record, Role, Sample, Series, SpanSource, fnv1a};
+
+/// Which of OP and PV was silent when a run began, and since when: nothing was diagnosed then.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Silent {
+    /// Which of the two.
+    pub tag: Role,
+    /// Stamp of its last good sample (s).
+    pub since: f64,
+}
 
 /// What a run worked on, beside the samples themselves.
 #[derive(Clone, Debug, PartialEq)]
@@ -22,6 +31,10 @@ pub struct Basis {
     pub op_limits: Option<(f64, f64)>,
     /// Whether the process integrates, where that was known.
     pub integrates: Option<bool>,
+    /// Which tag was silent; `None` where both spoke, or nobody asked.
+    pub silent: Option<Silent>,
+    /// What stands for where OP and PV were read; `None` where nobody said.
+    pub source: Option<u64>,
     /// Which samples of each tag, in the record's order.
     pub extents: Vec<Extent>,
 }
@@ -50,6 +63,8 @@ impl Basis {
             op_span_source: record.op_span_source,
             op_limits: record.op_limits,
             integrates: record.integrates,
+            silent: None,
+            source: record.source,
             extents: series(record).map(|(tag, samples)| Extent::of(tag, samples)).collect(),
         }
     }
@@ -57,6 +72,11 @@ impl Basis {
     /// With the friction of before a term acted.
     pub fn after(self, before: Option<Before>) -> Self {
         Self { before, ..self }
+    }
+
+    /// With the tag that is silent.
+    pub fn silent(self, silent: Option<Silent>) -> Self {
+        Self { silent, ..self }
     }
 
     /// Stamp of the newest sample of all (s).
@@ -76,6 +96,7 @@ impl Basis {
             op_span_source: self.op_span_source,
             op_limits: self.op_limits,
             integrates: self.integrates,
+            source: self.source,
             ..Record::default()
         };
         let mut lost = Vec::new();
@@ -150,11 +171,10 @@ fn take(record: &mut Record, tag: &str) -> Option<Series> {
 /// A value that is no number is the same whatever its bits: no record keeps them.
 fn digest(samples: &[Sample]) -> u64 {
     let value = |s: &Sample| if s.value.is_finite() { s.value.to_bits() } else { u64::MAX };
-    let bytes = samples.iter().flat_map(|s| {
+    fnv1a(samples.iter().flat_map(|s| {
         let numbers = s.t.to_bits().to_le_bytes().into_iter().chain(value(s).to_le_bytes());
         numbers.chain(s.quality.as_str().bytes())
-    });
-    bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
+    }))
 }
 
 #[cfg(test)]

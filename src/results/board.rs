@@ -59,6 +59,8 @@ pub(super) struct ShortRun<'r> {
     pub identifiable: bool,
     /// Share of PV's standard deviation that the model does not explain.
     pub unexplained: Option<f64>,
+    /// Its samples have not been counted before: it is a vote.
+    pub counts: bool,
 }
 
 /// What somebody wants done about an alarm of another machine.
@@ -322,6 +324,16 @@ impl Board {
         }
     }
 
+    /// Lets the alarms that follow from a loop's diagnoses begin anew with what comes after `now`.
+    pub fn forget_evidence(&mut self, id: &LoopId, now: f64, news: &mut News) {
+        for kind in [Kind::Stiction, Kind::FRising, Kind::NotIdentifiable, Kind::UnexplainedResidual] {
+            let id = AlarmId::new(id.clone(), kind);
+            if self.alarms.contains_key(&id) {
+                self.change(&id, None, None, news, |alarm, config| alarm.forget_evidence(now, config));
+            }
+        }
+    }
+
     /// Drops all alarms but those that stay, while the configuration that has them is still in force. Nothing would ever clear
     /// one that stands where it was told, so it is told that it is over.
     fn forget(&mut self, stays: impl Fn(&AlarmId) -> bool, now: f64, news: &mut News) {
@@ -375,10 +387,11 @@ impl Board {
     /// What a run says, to each kind that listens.
     pub fn judge(&mut self, run: ShortRun<'_>, summary: &Summary, reinforced: bool, news: &mut News) {
         let of = |kind| AlarmId::new(run.id.clone(), kind);
-        let ShortRun { finished: now, sticky, identifiable, .. } = run;
+        let ShortRun { finished: now, sticky, identifiable, counts, .. } = run;
         // Of a window that a term acted on nothing else can be expected, though it has ended since.
         let reinforced = reinforced || summary.compensated.is_some();
         let known = summary.f.zip(summary.delta_aic).filter(|_| identifiable && (sticky || !reinforced));
+        let known = known.filter(|_| counts);
         let seen = known.map_or(Observation::Unknown, |(f, evidence)| self.config.judge(sticky, f, evidence));
         // Limits in per cent of a span say nothing of f where that span is not known.
         let f_percent = summary.f.filter(|_| summary.f_in_percent);
@@ -389,7 +402,8 @@ impl Board {
         });
 
         // A term in force hides the friction: what is left of it is no measure of the valve.
-        if let (Some(f), Some(interval), true) = (f_percent, summary.f_ci95, identifiable && !reinforced) {
+        let tells = identifiable && !reinforced && counts;
+        if let (Some(f), Some(interval), true) = (f_percent, summary.f_ci95, tells) {
             // All diagnoses of a valve have the error of the models in common, so it causes no rise.
             let interval = without_model_error(f, interval);
             let id = of(Kind::FRising);
@@ -410,7 +424,7 @@ impl Board {
             && !self.config.not_identifiable.ignore.iter().any(|known| known == code);
         self.level(&of(Kind::NotIdentifiable), fault.then(|| summary.words()), now, news);
 
-        if let Some(share) = run.unexplained.filter(|_| identifiable) {
+        if let Some(share) = run.unexplained.filter(|_| identifiable && counts) {
             let most = self.config.unexplained_residual.share;
             let (seen, detail) = if share >= most {
                 (Observation::Present, Some(words::unexplained(share)))

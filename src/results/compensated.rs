@@ -1,7 +1,7 @@
 //! What is left to see of the friction of a valve while a term of write-back acts.
 
-use super::{Run, f_unit, op_in_percent};
-use crate::diagnosis::without_model_error;
+use super::{Judged, Run, f_unit, op_in_percent};
+use crate::diagnosis::{NotIdentifiable, Verdict, without_model_error};
 use crate::signal::told;
 
 /// Share of f by which two estimates of the same friction may lie apart beside their intervals: an f within a tenth is what a
@@ -54,7 +54,7 @@ pub struct Compensated {
 impl Compensated {
     /// Of a run in whose window a term acted.
     pub fn of(run: &Run) -> Option<Self> {
-        let judged = run.judged().filter(|own| own.diagnosis.preparation.compensated > 0.0)?;
+        let judged = run.judged().filter(|own| is_compensated(own))?;
         let before = run.basis.as_ref().and_then(|basis| basis.before);
         let found = judged.friction().filter(|_| run.sticks());
         let found = found.map(|(f, interval, _)| Before {
@@ -82,6 +82,12 @@ impl Compensated {
             (Seen::Hidden, None) => "compensated; friction is not visible".to_string(),
         }
     }
+}
+
+/// Whether a term acted in the window of the diagnosis, or hides friction in the longer one that was traced.
+fn is_compensated(judged: &Judged) -> bool {
+    let hides = Verdict::NotIdentifiable(NotIdentifiable::Compensated);
+    judged.diagnosis.preparation.compensated > 0.0 || *judged.verdict() == hides
 }
 
 /// Whether two intervals, each widened by a share of its f, overlap. They are compared without the error of the models, which is the

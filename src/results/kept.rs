@@ -1,5 +1,6 @@
 //! What outlives a restart: a run in a few numbers, what changed and is to be kept, and what was kept and comes back.
 
+use super::looked::Looked;
 use super::{Before, Compensated, ModelVersion, Results, Run, Trigger, lock};
 use crate::alarm::{AlarmId, Saved, Transition};
 use crate::residual::Structure;
@@ -103,6 +104,8 @@ pub struct Restored {
     pub doubtful: bool,
     /// What the next run may take as given.
     pub structure: Option<Structure>,
+    /// What stands for where its samples were read; `None` where nobody said.
+    pub source: Option<u64>,
     /// The whole report, as the API writes it.
     pub report: Arc<str>,
 }
@@ -114,6 +117,8 @@ pub struct Remembered {
     pub summaries: Vec<Summary>,
     /// The latest run that gave a diagnosis, which is one of the summaries by its time.
     pub diagnosed: Option<(Restored, Summary)>,
+    /// Friction as it was found last while no term acted, of the valve of the latest diagnosis.
+    pub before: Option<Before>,
     /// The model's version.
     pub model: ModelVersion,
 }
@@ -152,17 +157,21 @@ impl Results {
     }
 
     /// Takes back what was kept of a loop, with the times of then, before what there is; of a loop that was diagnosed since
-    /// only the runs.
-    pub fn restore(&self, id: &LoopId, kept: Remembered) {
-        let Some(entry) = self.entry(id) else { return };
+    /// only the runs. False where the latest diagnosis of what was kept is of another valve than the loop has now.
+    pub fn restore(&self, id: &LoopId, kept: Remembered) -> bool {
+        let Some(entry) = self.entry(id) else { return true };
         let mut entry = lock(&entry);
+        if entry.summaries.is_empty() {
+            entry.looked = Looked::of(&kept);
+        }
         let begun = entry.summaries.front().map_or(f64::INFINITY, |first| first.time);
         let room = self.keep.saturating_sub(entry.summaries.len());
         let before = kept.summaries.into_iter().rev().filter(|summary| summary.time < begun).take(room);
         before.for_each(|summary| entry.summaries.push_front(summary));
-        if entry.before.is_none() {
-            let own = |summary: &&Summary| summary.outcome == "stiction" && summary.compensated.is_none();
-            entry.before = entry.summaries.iter().rev().find(own).and_then(Summary::before);
+        let source = kept.diagnosed.as_ref().and_then(|(restored, _)| restored.source);
+        let is_own = entry.is_of(source);
+        if entry.before.is_none() && is_own {
+            entry.before = kept.before;
         }
         if entry.diagnosed.is_none() && entry.restored.is_none() {
             entry.restored = kept.diagnosed.map(|(restored, summary)| (Arc::new(restored), summary));
@@ -170,6 +179,7 @@ impl Results {
         if entry.model.version == 0 {
             entry.model = kept.model;
         }
+        is_own
     }
 
     /// Takes the latest model of before a start that did not know it: versions go on from there, and what was found since is

@@ -1,4 +1,4 @@
-//! Which loops are expected to calm down with which, as standing orders of the work list say.
+//! Which loops are expected to calm down with which, as standing orders of the work list and the latest look at the plant say.
 
 use super::Results;
 use crate::signal::LoopId;

@@ -8,6 +8,7 @@ mod away;
 mod changes;
 mod clock;
 mod compensated;
+mod source;
 mod told;
 
 pub(super) fn diagnosis(verdict: Verdict, f: f64, delta_aic: f64) -> Box<Judged> {
@@ -324,11 +325,19 @@ fn what_is_kept_and_given_back_goes_on_as_if_nothing_had_been() {
     assert_eq!(kept[0].model.as_ref().map(|(_, model)| model.version), Some(1));
     let summary = kept[1].run.as_ref().expect("a run").1.clone();
     let (quality, report) = ("good".into(), "{}".into());
-    let restored =
-        Restored { finished: 2.0, took_s: 0.02, quality, doubtful: false, structure: None, report };
+    let restored = Restored {
+        finished: 2.0,
+        took_s: 0.02,
+        quality,
+        doubtful: false,
+        structure: None,
+        source: None,
+        report,
+    };
     let remembered = Remembered {
         summaries: kept.iter().filter_map(|c| Some(c.run.as_ref()?.1.clone())).collect(),
         diagnosed: Some((restored, summary.clone())),
+        before: summary.before(),
         model: kept[0].model.clone().expect("new").1,
     };
     new.restore(&id(), remembered.clone());

@@ -189,6 +189,9 @@ impl Verdict<'_> {
             _ => {
                 let known = self.reason_code.and_then(not_identifiable);
                 let (why, check) = known.unwrap_or((self.reason, ""));
+                // Which tag and since when stands in the reason alone.
+                let silent = self.reason_code == Some("silent");
+                let why = self.reason.strip_prefix("silent: ").filter(|_| silent).unwrap_or(why);
                 format!("Nothing can be said about the valve: {why}.{check}")
             }
         }
@@ -217,6 +220,7 @@ fn not_identifiable(code: &str) -> Option<(&'static str, &'static str)> {
         "too_short" => ("there is not enough data yet", " If this lasts, check why samples are missing."),
         "no_time_base" => ("the time stamps give no sampling period", " Check the clock of the source."),
         "gaps" => ("too much of the data is missing or bad", " Check the tags and the connection."),
+        "silent" => ("no good sample of OP or PV comes any more", " Check the source and the connection."),
         "read_apart" => (
             "OP and PV are not read at the same time",
             " Read both in one request, or export both for the same times.",
@@ -237,6 +241,7 @@ fn not_identifiable(code: &str) -> Option<(&'static str, &'static str)> {
             " Check whether the valve is shut off or fully open, and op_limits.",
         ),
         "manual" => ("the loop was never in automatic for long enough", ""),
+        "mode_unknown" => ("the mode of the loop cannot be read", " Check its tag."),
         "not_excited" => ("OP hardly ever reverses by enough for sticking to show", ""),
         "hidden_friction" => ("this record would not show sticking, however strong it is", ""),
         "undersampled" => (

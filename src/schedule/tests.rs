@@ -2,7 +2,10 @@ use super::*;
 use crate::alarm;
 use crate::diagnosis::{Diagnosis, NotIdentifiable, Verdict};
 use crate::results::{Event, made_findings};
+use std::sync::atomic::AtomicU64;
 use tokio::sync::broadcast;
+
+mod votes;
 
 fn nothing_to_say() -> Judged {
     Diagnosis::bare(Verdict::NotIdentifiable(NotIdentifiable::FlatPv), "").into()
@@ -25,7 +28,14 @@ struct Rig {
 fn plan(jobs: Vec<Job>) -> Plan {
     let snapshot: Snapshot =
         Arc::new(|id| Some(Record { tags: vec![(id.to_string(), vec![])], ..Record::default() }));
-    Plan { jobs, snapshot, settings: Settings::default(), follows: false, searched: HashSet::new() }
+    Plan {
+        jobs,
+        snapshot,
+        silence: Arc::new(|_, _, _| None),
+        settings: Settings::default(),
+        follows: false,
+        searched: HashSet::new(),
+    }
 }
 
 fn rig(config: Config, jobs: Vec<Job>, diagnose: impl Fn(&str) + Send + Sync + 'static) -> Rig {
@@ -204,8 +214,10 @@ fn told(time: f64) -> Told {
         quality: "good".into(),
         structure: None,
         doubtful: false,
+        fitted_until: None,
         effects: Vec::new(),
         unexplained: None,
+        version: "0.1.0".into(),
     }
 }
 

@@ -303,6 +303,11 @@ impl Reader {
         self.main.last_diagnoses(control_loop, count)
     }
 
+    /// What the run of a loop that ended then (s) worked on; `None` where that was not kept.
+    pub fn basis(&self, control_loop: &str, finished: f64) -> Result<Option<Vec<u8>>, StoreError> {
+        self.main.basis(control_loop, finished)
+    }
+
     /// The present version of a loop's model.
     pub fn model(&self, control_loop: &str) -> Result<Option<ModelRow>, StoreError> {
         let waits = self.spool.as_ref().map(|spool| spool.model(control_loop)).transpose()?.flatten();

@@ -154,6 +154,7 @@ pub(super) trait Reads: Send + Debug {
     fn trends(&mut self, tag: u32, from: i64, to: i64) -> Result<Vec<Point>, StoreError>;
     fn diagnoses(&self, after: i64, limit: usize) -> Result<Vec<(i64, DiagnosisRow)>, StoreError>;
     fn last_diagnoses(&self, control_loop: &str, count: usize) -> Result<Vec<DiagnosisRow>, StoreError>;
+    fn basis(&self, control_loop: &str, finished: f64) -> Result<Option<Vec<u8>>, StoreError>;
     fn model(&self, control_loop: &str) -> Result<Option<ModelRow>, StoreError>;
     fn alarms(&self) -> Result<Vec<AlarmRow>, StoreError>;
     fn alarm(&self, control_loop: &str, kind: &str) -> Result<Option<AlarmRow>, StoreError>;

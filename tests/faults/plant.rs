@@ -16,13 +16,15 @@ pub const TAG_BAD_AFTER_S: f64 = 6.0;
 /// Time between two polls (s), and between two looks at what tags are like (s).
 pub const POLL_S: f64 = 1.0;
 pub const TICK_S: f64 = 1.0;
+/// Time between two diagnoses of a loop (s).
+pub const PERIOD_S: f64 = 7.0;
 /// Configurations that there are.
 pub const VARIANTS: usize = 4;
 
 /// One of the configurations.
 pub fn config(variant: usize, folder: &Path) -> Config {
     let mut text = format!(
-        "[schedule]\nperiod_s = 7\nkeep_results = {KEEP}\n[history]\nsamples_per_tag = 400\n\
+        "[schedule]\nperiod_s = {PERIOD_S:?}\nkeep_results = {KEEP}\n[history]\nsamples_per_tag = 400\n\
          [alarm.collector_down]\nafter_s = {DOWN_AFTER_S:?}\n[alarm.tag_bad]\nafter_s = {TAG_BAD_AFTER_S:?}\n"
     );
     for (device, framing) in [("d0", "tcp"), ("d1", "rtu")] {

@@ -1,13 +1,19 @@
 //! What the store was given and what it acknowledged, held against what is in it.
 
-use crate::plant::LOOPS;
+use crate::plant::{LOOPS, PERIOD_S, POLL_S};
 use std::collections::{BTreeMap, BTreeSet};
 use std::hash::{DefaultHasher, Hash, Hasher};
+use stictiond::serve::dto::BasisText;
 use stictiond::signal::Sample;
-use stictiond::store::{AlarmRow, Batch, ModelRow, Reader, Row, StoredTag, TagName, TransitionRow};
+use stictiond::store::{
+    AlarmRow, Batch, DiagnosisRow, ModelRow, Reader, Row, StoredTag, TagName, TransitionRow, unpack,
+};
 
-/// Runs that an alarm looks back on, and how many of them must say stiction, as configured.
+/// Votes that an alarm looks back on, and how many of them must say stiction, as configured.
 const VOTES: (usize, usize) = (3, 2);
+/// A run whose newest sample is so much newer than that of the run before is a vote (s): half a period, and a poll for each of the
+/// two, because what was read at the very moment of a copy is in it or not, and may be bad.
+const SURE_S: f64 = 0.5 * PERIOD_S + 2.0 * POLL_S;
 
 /// A sample by everything that it is.
 pub type Key = (TagName, u64, u64, &'static str);
@@ -245,21 +251,23 @@ impl Truth {
         Ok(())
     }
 
-    /// Every alarm for stiction follows runs that said so.
+    /// Every alarm for stiction follows votes that said so, the last of them just before it. Which runs were votes their bases
+    /// tell: those on newer samples than the run before, of the valve that the loop has now.
     fn hold_causes(&self) -> Result<(), String> {
-        let mut votes: BTreeMap<&str, Vec<bool>> = BTreeMap::new();
+        let mut runs: BTreeMap<&str, Vec<Said>> = BTreeMap::new();
         for row in &self.rows {
             match row {
                 Row::Diagnosis(run) if ["stiction", "no_stiction"].contains(&run.outcome.as_str()) => {
-                    votes.entry(&run.control_loop).or_default().push(run.outcome == "stiction");
+                    let own = runs.entry(&run.control_loop).or_default();
+                    own.push(Said::of(run, own.last()));
                 }
                 Row::Transition(t) if t.kind == "stiction" && t.cause == "raised" => {
-                    let own = votes.entry(&t.control_loop).or_default();
-                    let said = own.iter().rev().take(VOTES.0).filter(|sticks| **sticks).count();
-                    if said < VOTES.1 {
+                    let own = runs.get(t.control_loop.as_str()).map(Vec::as_slice).unwrap_or_default();
+                    let said = sticking(own);
+                    if said < VOTES.1 || !own.last().is_some_and(|last| last.sticks) {
+                        let votes = VOTES.0;
                         return Err(format!(
-                            "an alarm without a cause: {t:?}, {said} of the last {} runs",
-                            VOTES.0
+                            "an alarm without a cause: {t:?}, {said} of the last {votes} votes"
                         ));
                     }
                 }
@@ -268,4 +276,39 @@ impl Truth {
         }
         Ok(())
     }
+}
+
+/// A run that said whether the valve sticks.
+struct Said {
+    sticks: bool,
+    /// Whether it was a vote for sure: around half a period it may be one or not, and so may one across a restart.
+    is_vote: bool,
+    finished: f64,
+    /// Stamp of the newest sample of OP and PV (s), and where they were read; `None` where its basis was not kept.
+    basis: Option<(f64, Option<u64>)>,
+}
+
+impl Said {
+    fn of(run: &DiagnosisRow, before: Option<&Said>) -> Self {
+        let text = run.basis.as_deref().and_then(unpack);
+        let basis = text.and_then(|text| BasisText::read(&text)).and_then(|basis| {
+            let measured = basis.extents.iter().filter(|own| ["op", "pv"].contains(&own.tag.as_str()));
+            let newest = measured.filter_map(|own| Some(own.span?.1)).reduce(f64::max)?;
+            Some((newest, basis.source))
+        });
+        let is_far = |before: &Said| {
+            let newer = basis.zip(before.basis).is_some_and(|(own, last)| own.0 - last.0 >= SURE_S);
+            newer && run.finished - before.finished >= SURE_S
+        };
+        let (sticks, finished) = (run.outcome == "stiction", run.finished);
+        Self { sticks, is_vote: before.is_none_or(is_far), finished, basis }
+    }
+}
+
+/// How many of the latest votes say that the valve sticks, as many as that may be.
+fn sticking(runs: &[Said]) -> usize {
+    let source = |own: &Said| own.basis.and_then(|(_, source)| source);
+    let is_of_valve = |own: &&Said| source(own) == runs.last().and_then(source);
+    let votes = runs.iter().rev().filter(is_of_valve).filter(|own| own.sticks || own.is_vote);
+    votes.take(VOTES.0).filter(|own| own.sticks).count()
 }

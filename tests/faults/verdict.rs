@@ -25,6 +25,10 @@ pub fn made_up(clock: Clock) -> Diagnose {
             Some(_) => verdict(Verdict::NoStiction, 0.0, -2.0),
             None => verdict(Verdict::NotIdentifiable(NotIdentifiable::FlatPv), 0.0, 0.0),
         };
+        // It fits up to there: what a later run finds in newer samples is another vote.
+        let end = newest.map_or(now, |sample| sample.t);
+        let preparation = Preparation { end, ..diagnosis.preparation.clone() };
+        let diagnosis = Diagnosis { preparation, ..diagnosis };
         let drifts = value.is_some_and(|value| value.number / EVERY % 2 == 1);
         Judged { findings: Some(traced(drifts)), ..Judged::from(diagnosis) }
     })

@@ -84,6 +84,7 @@ async fn the_latest_is_retained_and_comes_again_after_the_broker_was_away() {
     daemon.until_published(2).await;
     daemon.run(1.0, "");
     daemon.until_published(3).await;
+    assert_eq!(daemon.counters.taken_at(), Some(START));
     // Whoever comes later is told what is kept.
     let mut lines = broker.listen("stictiond/#").await;
     let told = line(&mut lines, "diagnosis", |line| line.contains("/diagnosis ")).await;

@@ -177,7 +177,7 @@ pub fn diagnoses_models_and_alarms_come_back(place: &mut Place) {
         ..AlarmRow::default()
     };
     let other = AlarmRow { kind: "tag_bad".into(), suppressed: true, ..AlarmRow::default() };
-    let rows = vec![
+    let mut rows = vec![
         diagnosis("A", 1.0, Some("{\"first\":1}")),
         diagnosis("A", 2.0, Some("{\"second\":2}")),
         diagnosis("A", 3.0, None),
@@ -188,6 +188,9 @@ pub fn diagnoses_models_and_alarms_come_back(place: &mut Place) {
         Row::Alarm(other.clone()),
         transition(2.0, "normal", "unacknowledged"),
     ];
+    if let Row::Diagnosis(run) = &mut rows[0] {
+        run.basis = pack("{\"worked on\":1}");
+    }
     for _ in 0..2 {
         store.write(&Batch { series: Vec::new(), rows: rows.clone() }).expect("writes, and again");
     }
@@ -196,6 +199,8 @@ pub fn diagnoses_models_and_alarms_come_back(place: &mut Place) {
     let kept: Vec<(f64, bool)> = last.iter().map(|row| (row.finished, row.report.is_some())).collect();
     assert_eq!(kept, [(2.0, true), (3.0, false)]);
     assert_eq!(last[0].report.as_deref().and_then(unpack).as_deref(), Some("{\"second\":2}"));
+    let basis = |finished| reader.basis("A", finished).expect("reads").as_deref().and_then(unpack);
+    assert_eq!([1.0, 2.0, 7.0].map(basis), [Some("{\"worked on\":1}".to_string()), None, None]);
     assert_eq!(reader.model("A").expect("reads"), Some(model));
     assert_eq!(reader.alarm("A", "stiction").expect("reads"), Some(alarm.clone()));
     assert_eq!(reader.alarms().expect("reads"), [other, alarm]);

@@ -3,8 +3,8 @@
 use crate::alarm::{AlarmId, Cause, Flags, Kind, Observation, Point, Priority, Saved, State, Transition};
 use crate::residual;
 use crate::results::{
-    AlarmChange, Change, Compensated, KeptAlarm, KnownEffect, MOST_CHANGES, ModelVersion, Remembered,
-    Restored, RestoredAlarm, Run, Summary, Trigger,
+    AlarmChange, Change, Compensated, KeptAlarm, KnownEffect, MOST_CHANGES, ModelVersion, Outcome,
+    Remembered, Restored, RestoredAlarm, Run, Summary, Trigger,
 };
 use crate::serve::dto::{BasisText, Report};
 use crate::signal::LoopId;
@@ -42,7 +42,10 @@ pub(in crate::app) fn diagnosis_row(run: &Run, summary: &Summary) -> DiagnosisRo
         f_ci95: summary.f_ci95,
         f_in_percent: summary.f_in_percent,
         delta_aic: summary.delta_aic,
-        version: env!("CARGO_PKG_VERSION").to_string(),
+        version: match &run.outcome {
+            Outcome::Elsewhere(told) => told.version.clone(),
+            _ => env!("CARGO_PKG_VERSION").to_string(),
+        },
         report: Report::text(run).as_deref().and_then(pack),
         basis: run.basis.as_deref().and_then(BasisText::text).as_deref().and_then(pack),
     }
@@ -157,7 +160,12 @@ pub(in crate::app) fn remembered_change(row: TransitionRow) -> Option<AlarmChang
 /// What was said of a loop; its model is a state, and read for itself.
 pub(super) fn remembered(reader: &Reader, id: &LoopId, room: usize) -> Result<Remembered, StoreError> {
     let rows = reader.last_diagnoses(id.as_str(), room)?;
-    let diagnosed = rows.iter().rev().find_map(|row| {
+    // What a run worked on is read of the two where it matters only: of all it would be far more than is kept of them.
+    let source = |row: &DiagnosisRow| -> Result<Option<u64>, StoreError> {
+        let text = reader.basis(id.as_str(), row.finished)?.as_deref().and_then(unpack);
+        Ok(text.and_then(|text| BasisText::read(&text)).and_then(|basis| basis.source))
+    };
+    let mut diagnosed = rows.iter().rev().find_map(|row| {
         let text = unpack(row.report.as_ref()?)?;
         let report = Report::read(&text)?;
         let restored = Restored {
@@ -165,12 +173,28 @@ pub(super) fn remembered(reader: &Reader, id: &LoopId, room: usize) -> Result<Re
             took_s: row.took_s,
             quality: report.quality().to_string(),
             doubtful: report.doubtful,
-            structure: report.structure(),
+            // Another version may find something else in the same samples.
+            structure: report.structure().filter(|_| row.version == env!("CARGO_PKG_VERSION")),
+            source: None,
             report: text.into(),
         };
         Some((restored, summary(row)))
     });
-    Ok(Remembered { summaries: rows.iter().map(summary).collect(), diagnosed, ..Remembered::default() })
+    let mut known = None;
+    if let Some((restored, told)) = &mut diagnosed {
+        let row = rows.iter().find(|row| row.finished.to_bits() == told.time.to_bits());
+        known = row.map(&source).transpose()?.flatten();
+        restored.source = known;
+    }
+    let mut runs = rows.iter().rev().map(|row| (row, summary(row)));
+    // What it says of a compensated valve is in the report of the latest only, and in the reason of all.
+    let stuck = runs.find(|(row, own)| own.outcome == "stiction" && !is_compensated(row));
+    let before = match stuck {
+        Some((row, own)) if source(row)?.zip(known).is_none_or(|(own, known)| own == known) => own.before(),
+        _ => None,
+    };
+    let summaries = rows.iter().map(summary).collect();
+    Ok(Remembered { summaries, diagnosed, before, ..Remembered::default() })
 }
 
 /// A run in a few numbers.
@@ -192,8 +216,13 @@ pub(in crate::app) fn summary(row: &DiagnosisRow) -> Summary {
 
 /// What a run said of a compensated valve stands in its report, which is read of such runs only.
 fn compensated(row: &DiagnosisRow) -> Option<Compensated> {
-    let report = row.report.as_ref().filter(|_| row.reason.starts_with("compensated"))?;
+    let report = row.report.as_ref().filter(|_| is_compensated(row))?;
     Report::read(&unpack(report)?)?.compensated.as_ref()?.read()
+}
+
+/// Whether a run was of a valve that a term acted on, as its reason says.
+fn is_compensated(row: &DiagnosisRow) -> bool {
+    row.reason.starts_with("compensated")
 }
 
 /// An effect that this version knows.

@@ -7,7 +7,7 @@ use crate::results::Said;
 use crate::serve::PlantwidePort;
 use crate::signal::Sample;
 use crate::store::Batch;
-use crate::work::State;
+use crate::work::{CostConfig, Measure, Order, State};
 use std::path::PathBuf;
 use std::sync::mpsc::channel;
 
@@ -180,14 +180,21 @@ fn few_rings_wait_for_a_store_that_fails_and_none_for_one_that_is_damaged() {
 #[test]
 fn orders_and_indicators_are_back_as_soon_as_they_can_be_read() {
     let folder = Folder::new("orders");
-    let config = folder.config();
+    let mut config = folder.config();
+    for own in &mut config.loops {
+        own.cost = Some(CostConfig { per_sd: 2.0, unit: "EUR/day".into() });
+    }
+    // How a loop was is kept every 25 minutes.
+    config.plantwide.period_s = 60.0;
     let own = config.store.clone().expect("there");
     let order = |control_loop: &str| Order {
         id: LoopId::new(control_loop),
         state: State::Ordered,
         since: 2000.0,
         first: 1000.0,
-        seen: None,
+        suspected: 2000.0,
+        why: None,
+        victims: Vec::new(),
         looks: VecDeque::new(),
         before: None,
         after: None,
@@ -196,9 +203,13 @@ fn orders_and_indicators_are_back_as_soon_as_they_can_be_read() {
         reopened: 0,
     };
     let days = vec![(86_400.0, [Some(81.5); COUNT]), (172_800.0, [None; COUNT])];
+    // A quarter of an hour ago; without the swing half of the error would be left.
+    let part = kept::Part { until: 299_100.0, values: [Some(81.5); COUNT], counts: [11; COUNT] };
+    let measure = Measure { error_sd: Some(3.0), swing: Some(0.75), f: None };
     let of = |id: &str| {
         let mut rows = kept::order_rows(&order(id), None);
         rows.push(kept::health_row(&LoopId::new(id), &days));
+        rows.push(kept::today_row(&LoopId::new(id), &part, &measure));
         rows
     };
     // X was configured once.
@@ -228,6 +239,8 @@ fn orders_and_indicators_are_back_as_soon_as_they_can_be_read() {
     assert!(persistence.make_durable());
     let all = (vec![order("A")], Some(days.clone()));
     assert_eq!(there(), all, "now it works");
+    let cost = || plantwide.work().into_iter().find_map(|line| line.cost);
+    assert_eq!(cost(), Some((3.0, "EUR/day".to_string())), "before the first look");
 
     let without = parse("plant.toml", &PLANT.replace("id = 'A'", "id = 'B'")).expect("sound");
     plantwide.reload(&without, &history);
@@ -235,6 +248,7 @@ fn orders_and_indicators_are_back_as_soon_as_they_can_be_read() {
     plantwide.reload(&config, &history);
     persistence.give_back(&history, &results).expect("can be read");
     assert_eq!(there(), all, "it is configured again");
+    assert_eq!(cost(), Some((3.0, "EUR/day".to_string())));
 }
 
 /// A disk that is full keeps nobody from reading it.

@@ -2,7 +2,7 @@
 
 use super::feed::Feed;
 use super::{Options, ReplayError, Say};
-use crate::app::{App, ids, jobs, neighbours};
+use crate::app::{App, ids, jobs, neighbours, silence};
 use crate::collect::Issue;
 use crate::config::{self, Config, Neighbour};
 use crate::diagnosis::Settings;
@@ -167,9 +167,18 @@ impl Machine {
         });
         // However slow this machine is, what was done in time once is done.
         let own = schedule::Config { parallelism: 1, deadline_s: 3600.0, ..schedule };
+        let waits = due.clone();
+        // Of a recorded run it is known who was silent, and nothing is diagnosed that would set the clock.
+        let silence: schedule::Silence = Arc::new(move |_, record, period_s| {
+            match waits.lock().unwrap_or_else(PoisonError::into_inner).as_ref() {
+                Some((basis, finished)) => basis.silent.inspect(|_| clock.set(*finished)),
+                None => silence::of_record(record, clock.now(), period_s),
+            }
+        });
         let plan = schedule::Plan {
             jobs,
             snapshot: part,
+            silence,
             settings,
             follows: false,
             searched: std::collections::HashSet::new(),
@@ -295,13 +304,13 @@ impl Machine {
     }
 }
 
-/// The last `room` samples of each tag.
+/// The last `room` samples of each tag, and all terms: what acted on an OP must not be lost.
 fn last(mut record: Record, room: usize) -> Record {
     let cut = |samples: &mut crate::signal::Series| {
         samples.drain(..samples.len().saturating_sub(room));
     };
     [&mut record.op, &mut record.pv].into_iter().for_each(cut);
-    [&mut record.sp, &mut record.mode, &mut record.mv, &mut record.term].into_iter().flatten().for_each(cut);
+    [&mut record.sp, &mut record.mode, &mut record.mv].into_iter().flatten().for_each(cut);
     record.tags.iter_mut().for_each(|(_, samples)| cut(samples));
     record
 }

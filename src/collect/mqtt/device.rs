@@ -404,6 +404,9 @@ impl Collector {
             self.heard = came.steady;
             if good && !came.retained {
                 self.health.still_good(came.t);
+                if taken == Taken::Again {
+                    sink.again(tag.index);
+                }
             }
             if taken == Taken::Old {
                 self.health.discarded();

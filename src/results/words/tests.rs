@@ -1,6 +1,7 @@
 use super::*;
 use crate::diagnosis::NotIdentifiable;
 use crate::residual::{Kind, Test};
+use crate::signal::Role;
 use std::fmt::Write;
 
 fn verdict(outcome: &'static str, f: Option<f64>, f_high: Option<f64>) -> Verdict<'static> {
@@ -9,7 +10,7 @@ fn verdict(outcome: &'static str, f: Option<f64>, f_high: Option<f64>) -> Verdic
 }
 
 /// Why nothing can be said, all of it.
-fn reasons() -> [NotIdentifiable; 17] {
+fn reasons() -> [NotIdentifiable; 19] {
     [
         NotIdentifiable::NoTimeBase,
         NotIdentifiable::FlatOp,
@@ -21,13 +22,15 @@ fn reasons() -> [NotIdentifiable; 17] {
         NotIdentifiable::DeadlineExceeded,
         NotIdentifiable::TooShort { n: 0, need: 1 },
         NotIdentifiable::Gaps { share: 1.0 },
+        NotIdentifiable::Silent { tag: Role::Pv, since: 0.0 },
         NotIdentifiable::ReadApart { share: 1.0 },
         NotIdentifiable::TsTooShort { ts: 0.5, samples_s: 1.0 },
         NotIdentifiable::Saturated { share: 1.0 },
         NotIdentifiable::Manual { share_auto: 0.0 },
+        NotIdentifiable::ModeUnknown { share: 1.0 },
         NotIdentifiable::NotExcited { reversals: 0 },
         NotIdentifiable::HiddenFriction { reversal: "3.1 % OP".into() },
-        NotIdentifiable::Undersampled { samples: 2.2, poll_s: 39.0 },
+        NotIdentifiable::Undersampled { samples: 2.2, poll_s: Some(39.0), mean_s: None },
     ]
 }
 
@@ -147,6 +150,21 @@ fn everything_that_can_be_found_has_words() {
         assert!(not_identifiable(reason.code()).is_some(), "{}", reason.code());
     }
     assert_eq!((effect("new_kind", None), failed_test("new_test").as_str()), (None, "new test"));
+}
+
+#[test]
+fn a_source_that_is_silent_is_said_with_the_tag_and_since_when() {
+    let why = NotIdentifiable::Silent { tag: Role::Op, since: 1_767_225_600.0 };
+    let reason = why.to_string();
+    let bare = verdict("not_identifiable", None, None);
+    let told = Verdict { reason: &reason, reason_code: Some(why.code()), ..bare };
+    assert_eq!(
+        told.words(),
+        "Nothing can be said about the valve: no good sample of OP since 2026-01-01 00:00:00 UTC. Check the source and the connection."
+    );
+    // Of any other reason that begins so the words are the ones of its code.
+    let other = Verdict { reason_code: Some("gaps"), ..told };
+    assert!(other.words().contains("too much of the data is missing"), "{}", other.words());
 }
 
 #[test]

@@ -341,6 +341,15 @@ impl Reads for Reader {
         Ok(rows)
     }
 
+    fn basis(&self, control_loop: &str, finished: f64) -> Result<Option<Vec<u8>>, StoreError> {
+        let basis = self.basis;
+        let db = self.database();
+        let sql = format!("SELECT {basis} FROM diagnoses WHERE control_loop = ?1 AND finished = ?2");
+        let mut query = db.prepare_cached(&sql)?;
+        let found = query.query_row(params![control_loop, finished], |row| row.get::<_, Option<Vec<u8>>>(0));
+        Ok(found.optional()?.flatten())
+    }
+
     fn model(&self, control_loop: &str) -> Result<Option<ModelRow>, StoreError> {
         let known = "UNION ALL SELECT version, since, effects FROM known_models WHERE control_loop = ?1";
         let db = self.database();

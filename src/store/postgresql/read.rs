@@ -165,6 +165,13 @@ impl Reads for Reader {
         Ok(rows)
     }
 
+    fn basis(&self, control_loop: &str, finished: f64) -> Result<Option<Vec<u8>>, StoreError> {
+        let sql = "SELECT basis FROM diagnoses WHERE control_loop = $1 AND finished = $2";
+        let rows = self.rows(sql, &[&control_loop, &finished])?;
+        let text = rows.first().and_then(|row| row.get::<_, Option<String>>(0));
+        Ok(text.as_deref().and_then(pack))
+    }
+
     fn model(&self, control_loop: &str) -> Result<Option<ModelRow>, StoreError> {
         let sql = "SELECT version, since, effects FROM models WHERE control_loop = $1 ORDER BY version DESC LIMIT 1";
         let rows = self.rows(sql, &[&control_loop])?;

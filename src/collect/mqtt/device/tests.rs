@@ -5,11 +5,14 @@ use crate::collect::mqtt::{Config, TagSpec};
 use std::sync::Mutex;
 
 #[derive(Default)]
-struct Recorder(Mutex<Vec<Sample>>);
+struct Recorder(Mutex<Vec<Sample>>, Mutex<usize>);
 
 impl Sink for Recorder {
     fn sample(&self, _: usize, sample: Sample) {
         self.0.lock().unwrap().push(sample);
+    }
+    fn again(&self, _: usize) {
+        *self.1.lock().unwrap() += 1;
     }
     fn poll(&self, _: usize, _: Poll) {}
 }
@@ -48,4 +51,5 @@ fn a_source_that_says_the_same_again_lives_and_a_broker_that_kept_it_does_not_sa
     assert_eq!(say(1500.0, r#"{"v": 50, "t": 1700000000000}"#, false), Some(1300.0));
     assert_eq!(say(1600.0, r#"{"v": 5, "t": 1699999999000}"#, false), Some(1600.0));
     assert_eq!((sink.0.lock().unwrap().len(), health.snapshot().discarded_samples), (1, 1));
+    assert_eq!(*sink.1.lock().unwrap(), 1, "once its source said a good value again");
 }
