@@ -152,10 +152,14 @@ fn loops(registry: &mut Registry, context: &Context, plant: &Plant, now: f64) {
     let verdict =
         gauges(registry, "loop_verdict", "1 for the latest verdict; no series before the first diagnosis");
     let valid = gauges(registry, "loop_identifiable", "1 when the latest diagnosis could tell, 0 when not");
-    let age = gauges(registry, "loop_diagnosis_age_seconds", "Plant time since the latest diagnosis");
+    let age = gauges(
+        registry,
+        "loop_diagnosis_age_seconds",
+        "Plant time since the latest diagnosis whose source was not silent",
+    );
     let alarm = gauges(registry, "loop_alarm_state", "1 for the state of the loop's alarm");
     for info in plant.loops() {
-        let Some(Known { summary, alarm: view, .. }) = context.results.get(&info.id, now) else {
+        let Some(Known { summary, looked_at, alarm: view, .. }) = context.results.get(&info.id, now) else {
             continue;
         };
         let id = info.id.as_str();
@@ -164,7 +168,7 @@ fn loops(registry: &mut Registry, context: &Context, plant: &Plant, now: f64) {
         let unit = f_unit(summary.f_in_percent);
         set(&verdict, &[("loop", id), ("verdict", &summary.outcome)], 1.0);
         set(&valid, &[("loop", id)], f64::from(u8::from(summary.f.is_some())));
-        set(&age, &[("loop", id)], (now - summary.time).max(0.0));
+        set(&age, &[("loop", id)], (now - looked_at.unwrap_or(summary.time)).max(0.0));
         if let Some(value) = summary.f {
             set(&f, &[("loop", id), ("f_unit", unit)], value);
         }
@@ -333,6 +337,8 @@ fn fleet(registry: &mut Registry, context: &Context) {
     let Some(port) = &context.fleet else { return };
     let help = "Messages of the fleet that were of no use, or would have taken too much memory";
     counter(registry, "fleet_refused_messages", help, port.refused() as f64);
+    let help = "Messages left out because no edge has announced their loop, or because it is another edge's";
+    counter(registry, "fleet_left_out_messages", help, port.left_out() as f64);
 }
 
 /// What the kernel says of the process; nothing where it says nothing.

@@ -89,6 +89,14 @@ pub const RULES: &[(&str, &str, Need)] = &[
     ("POST", "/loops/{id}/writeback/reset", APPROVER),
 ];
 
+/// Streams: who has opened one listens, and a browser opens it again by itself.
+const STREAMS: [&str; 2] = ["/api/v1/events", "/api/v1/loops/{id}/live"];
+
+/// Whether a route, as the router knows it, is a stream.
+pub fn is_stream(route: &str) -> bool {
+    STREAMS.contains(&route)
+}
+
 /// What stands for a path, of a route as the router knows it: its methods and needs; empty where there is none.
 pub fn of_path(route: &str) -> Vec<(&'static str, Need)> {
     if super::page::has(route) {
@@ -137,6 +145,19 @@ mod tests {
             let least = matches!(need, Need::Role(role) if role.includes(Role::Operator));
             assert!(least || *path == "/session", "{method} {path}");
         }
+    }
+
+    #[test]
+    fn every_stream_is_known_as_one() {
+        let api = serde_json::to_value(super::super::openapi()).expect("the description is JSON");
+        let is_stream = |methods: &serde_json::Value| {
+            methods["get"]["responses"]["200"]["content"]["text/event-stream"].is_object()
+        };
+        let paths = api["paths"].as_object().expect("paths");
+        let described: BTreeSet<&str> =
+            paths.iter().filter(|(_, methods)| is_stream(methods)).map(|(path, _)| path.as_str()).collect();
+        assert_eq!(described, BTreeSet::from(STREAMS));
+        assert!(STREAMS.iter().all(|route| super::is_stream(route)) && !super::is_stream("/api/v1/loops"));
     }
 
     #[test]

@@ -1,4 +1,4 @@
-"""Walks through the dashboard in headless Chromium. Usage: dashboard.py walk|trouble|store|access|receivers|speed|swinging|fleet BASE OUT
+"""Walks through the dashboard in headless Chromium. Usage: dashboard.py walk|trouble|small|store|access|receivers|speed|swinging|fleet BASE OUT
 
 Screenshots go to OUT. Every check says what it saw; the first that fails ends the walk with exit code 1.
 """
@@ -13,6 +13,7 @@ from pathlib import Path
 from playwright.sync_api import expect, sync_playwright
 
 from fleet import fleet
+from small import small
 from swinging import swinging
 from trouble import store, trouble
 from walk import Walk, check
@@ -518,7 +519,7 @@ def told(walk):
     print("ok: all are sent again by keyboard alone")
 
 
-PARTS = {"swinging": [swinging], "fleet": fleet, "trouble": trouble, "store": [store], "access": [access], "receivers": [told], "walk": [plant, one_loop, opinions, acknowledge, looks, report], "speed": [speed]}
+PARTS = {"swinging": [swinging], "fleet": fleet, "trouble": trouble, "small": small, "store": [store], "access": [access], "receivers": [told], "walk": [plant, one_loop, opinions, acknowledge, looks, report], "speed": [speed]}
 
 
 def main():
@@ -541,6 +542,7 @@ def main():
                 raise
             print(f"-- {step.__name__} {time.monotonic() - began:.1f} s")
         check(not walk.faults, f"no console error, no script of a name {walk.faults or ''}")
+        walk.close()
         browser.close()
 
 

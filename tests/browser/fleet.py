@@ -249,4 +249,30 @@ def looks(walk):
     print("ok: a fleet without loops says so")
 
 
-fleet = [whole, by_keyboard, search, names, machines, looks]
+def plant(walk):
+    """The plant's page holds the worst half of the loops; it counts all of them, and each is found."""
+    page = walk.open(1440, 900)
+    letters = Counter("".join(one["loops"] for one in page.request.get(f"{walk.base}/api/v1/map").json()["groups"]))
+    walk.go("?q=fic-00002")
+    tiles, summary = page.locator(".tile"), page.locator(".summary")
+    expect(tiles).to_have_count(1)
+    expect(tiles).to_have_attribute("data-id", "s02:FIC-00002")
+    expect(tiles).to_have_attribute("data-kind", "sound")
+    expect(summary).to_have_text(f"1 of {ALL} loops")
+    count = {kind: page.locator(f".counts button[data-kind={kind}]") for kind in ("unacknowledged", "unknown", "waiting", "sound")}
+    for kind, letter in (("unacknowledged", "U"), ("unknown", "N"), ("waiting", "W"), ("sound", "O")):
+        expect(count[kind].locator("b")).to_have_text(str(letters[letter]))
+    print("ok: what is not held is counted and found")
+    page.locator("#q").fill("nowhere")
+    expect(summary).to_have_text("No loop is like this.")
+    page.locator("#q").fill("")
+    count["sound"].click()
+    expect(summary).to_have_text(f"1000 of {ALL} loops, among the worst 1000 of {letters['O']}: all are on the page of the fleet")
+    kinds = tiles.evaluate_all("all => [...new Set(all.map(one => one.dataset.kind))]")
+    check(kinds == ["sound"], f"only loops of the kind that was pressed: {kinds}")
+    page.locator("select[name=group]").select_option(UNIT)
+    expect(summary).to_have_text(re.compile(rf"^\d of {ALL} loops$"))
+    check(tiles.count() == sum(one["severity"] == 0 for one in page.request.get(f"{walk.base}/api/v1/loops?group=s03%20/%20U17").json()["items"]), "those of a unit")
+
+
+fleet = [whole, by_keyboard, search, names, machines, looks, plant]

@@ -48,6 +48,13 @@ async fn what_failed_is_asked_for_again_and_what_is_bad_or_of_another_time_is_sh
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn few_samples_silent_streams_and_very_many_changes_are_shown_for_what_they_are() {
+    let rig = crowd(20).await;
+    browse(&rig, "small").await;
+    rig.stop.cancel();
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn who_logs_in_may_do_what_their_role_says() {
     let rig = guarded().await;
     browse(&rig, "access").await;

@@ -5,7 +5,7 @@ use stictiond::indicators::series::Values;
 use stictiond::plantwide::Cause;
 use stictiond::serve::{Health, Overview, PlantwidePort, WorkLine};
 use stictiond::signal::LoopId;
-use stictiond::work::{Act, Order, Refusal, Seen, State};
+use stictiond::work::{Act, Order, Refusal, State};
 
 /// An order for each of these loops, five victims each.
 pub struct Orders(pub Vec<LoopId>);
@@ -23,8 +23,8 @@ impl PlantwidePort for Orders {
         let line = |(at, id): (usize, &LoopId)| {
             let victims = self.0.iter().cycle().skip(at + 1).take(5).cloned().collect();
             let why = "it swings with five others at 41 s, and its valve sticks".to_string();
-            let seen = Some(Seen { cause: Cause::Valve, probability: 0.9, why, victims });
-            let order = Order { state: State::Open, seen, ..Order::new(id.clone(), 0.0) };
+            let why = Some((Cause::Valve, why));
+            let order = Order { state: State::Open, why, victims, ..Order::new(id.clone(), 0.0) };
             WorkLine { order, cost: Some((at as f64, "EUR/day".into())) }
         };
         self.0.iter().enumerate().map(line).collect()

@@ -6,7 +6,7 @@ use crate::orders::Orders;
 use std::net::SocketAddr;
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use stictiond::access::{self, Access, Book, Cost, PasswordHash, Roles};
 use stictiond::alarm;
 use stictiond::app::App;
@@ -63,6 +63,7 @@ async fn serve(parts: Parts) -> (Rig, Arc<History>, Arc<Scheduler>) {
     let plan = Plan {
         jobs: ids.iter().map(|id| Job { id: id.clone(), period_s: 1e7 }).collect(),
         snapshot: Arc::new(move |id| records.snapshot(id)),
+        silence: Arc::new(|_, _, _| None),
         settings: Settings::default(),
         follows: false,
         searched: Default::default(),
@@ -136,6 +137,7 @@ pub async fn plant() -> Rig {
         door: None,
         store: None,
     };
+    let begun = Instant::now();
     let (rig, history, scheduler) = serve(parts).await;
     // The demo is polled at every fourth sample of its controllers; the first 2,000 s are its way into the swing.
     let recorded = chosen.map(|own| {
@@ -146,7 +148,8 @@ pub async fn plant() -> Rig {
         for (own, run) in tags.iter().zip(&recorded) {
             for (spec, column) in own.tags.iter().zip([&run.op, &run.pv, &run.sp, &run.mv]) {
                 let tag = history.tag_index(&own.id, &spec.kind).expect("a tag of its own");
-                history.push(tag, Sample::good(START + TS_S * k as f64, column[k]));
+                // What was recorded comes again and again.
+                history.push(tag, Sample::good(START + TS_S * k as f64, column[k % column.len()]));
             }
         }
     };
@@ -154,10 +157,13 @@ pub async fn plant() -> Rig {
     for id in &wanted[..5] {
         scheduler.request(&name(id)).expect("idle").await.expect("done");
     }
+    // What was sampled while the loops were diagnosed.
+    let now = BEFORE + (begun.elapsed().as_secs_f64() * SPEED / TS_S) as usize;
+    (BEFORE..now).for_each(&push);
     let stop = rig.stop.clone();
     tokio::spawn(async move {
         let mut ticks = tokio::time::interval(Duration::from_secs_f64(TS_S / SPEED));
-        for k in BEFORE..4000 {
+        for k in now.. {
             if stop.run_until_cancelled(ticks.tick()).await.is_none() {
                 return;
             }

@@ -23,14 +23,19 @@ class Walk:
 
     def open(self, width, height, scheme="light"):
         """A new context: a new reader with an empty storage."""
-        if self.page:
-            self.page.context.close()
+        self.close()
         context = self.browser.new_context(viewport={"width": width, "height": height}, color_scheme=scheme, timezone_id="UTC")
         self.page = context.new_page()
         self.page.on("console", lambda m: self.faults.append(f"console: {m.text}") if m.type in ("error", "warning") else None)
         self.page.on("pageerror", lambda error: self.faults.append(f"error: {error}"))
         self.page.on("dialog", lambda dialog: (self.faults.append(f"a script ran: {dialog.message}"), dialog.dismiss()))
         return self.page
+
+    def close(self):
+        """An answer that is still changed on its way comes to nobody."""
+        if self.page:
+            self.page.unroute_all(behavior="ignoreErrors")
+            self.page.context.close()
 
     def go(self, route=""):
         self.page.goto(f"{self.base}/#/{route}")

@@ -37,8 +37,9 @@ pub async fn list(State(context): Shared, Params(query): Params<AlarmsQuery>) ->
     let limit = within("limit", query.limit.unwrap_or(1000), 1..=10_000)?;
     off_thread(move || {
         let now = context.clock.now();
-        let items = context.results.alarms(now);
-        let items = items.iter().map(AlarmItem::from).filter(|item| {
+        let alarms = context.results.alarms(now);
+        let to_acknowledge = alarms.iter().filter(|view| view.state.wants_acknowledgement()).count();
+        let items = alarms.iter().map(AlarmItem::from).filter(|item| {
             query.state.map_or(item.state != AlarmState::Normal, |state| item.state == state)
                 && query.kind.is_none_or(|kind| item.kind == kind)
                 && query.priority.is_none_or(|priority| item.priority == priority)
@@ -47,7 +48,7 @@ pub async fn list(State(context): Shared, Params(query): Params<AlarmsQuery>) ->
         let Page { total, items, next } =
             Page::of(items.collect(), |item| &item.id, query.after.as_deref(), limit);
         let flood = FloodItem::from(context.results.flood(now));
-        Ok(AlarmList { time: rfc3339(now), total, items, next, flood })
+        Ok(AlarmList { time: rfc3339(now), total, to_acknowledge, items, next, flood })
     })
     .await
 }

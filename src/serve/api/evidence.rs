@@ -125,6 +125,8 @@ impl Seen {
         let mut trends = history.samples(id, from, f64::INFINITY, MOST)?;
         for trend in &mut trends {
             let seen = self.at(&trend.tag);
+            // Who listens has it already.
+            trend.before = None;
             trend.samples.retain(|sample| sample.t > *seen);
             if let Some(last) = trend.samples.last() {
                 *seen = last.t;

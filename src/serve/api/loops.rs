@@ -44,7 +44,7 @@ fn page_of_loops(context: &Context, query: &LoopsQuery) -> Result<LoopList, Prob
             && query.site.as_ref().is_none_or(|site| is_of_site(&info.group, site))
             && needle.as_ref().is_none_or(|needle| {
                 let holds = |text: &str| text.to_lowercase().contains(needle);
-                holds(info.id.as_str()) || holds(&info.description)
+                holds(info.id.as_str()) || holds(&info.description) || holds(&info.group)
             })
     };
     let infos: Vec<&LoopInfo> = plant.loops().iter().filter(is_meant).collect();
@@ -183,11 +183,10 @@ pub async fn detail(
     let configured = plant.facts.f_threshold_percent.filter(|_| op_span.is_some());
     Ok(Json(LoopDetail {
         item: LoopItem::new(info, &known, now),
-        period_s: info.period_s,
         op_span,
         op_limits: tags.and_then(|tags| tags.op_limits).and_then(|(a, b)| Some([finite(a)?, finite(b)?])),
         f_threshold: LoopDetail::f_threshold(&known, configured),
-        values: values(&plant, &id),
+        values: values(&context, &plant, &id),
         writeback: context
             .writeback
             .as_ref()
@@ -198,8 +197,10 @@ pub async fn detail(
     }))
 }
 
-fn values(plant: &Plant, id: &LoopId) -> Vec<Quantity> {
-    plant.history.latest(id).into_iter().map(|(tag, sample)| Quantity::new(tag, sample)).collect()
+fn values(context: &Context, plant: &Plant, id: &LoopId) -> Vec<Quantity> {
+    let (now, now_s) = (context.clock.now(), context.clock.elapsed().as_secs_f64());
+    let newest = plant.history.aged(id, now, now_s).into_iter();
+    newest.map(|(tag, newest)| Quantity::new(tag, newest)).collect()
 }
 
 /// The latest diagnosis in full.

@@ -68,7 +68,9 @@ pub async fn of_plant(
             let f = |item: &LoopItem| item.f.unwrap_or(-1.0);
             b.severity.cmp(&a.severity).then(f(b).total_cmp(&f(a))).then_with(|| a.id.cmp(&b.id))
         });
-        Ok(report::of_plant(&items, rfc3339(now).as_deref()))
+        let alarms = context.results.alarms(now);
+        let to_acknowledge = alarms.iter().filter(|view| view.state.wants_acknowledgement()).count();
+        Ok(report::of_plant(&items, to_acknowledge, rfc3339(now).as_deref()))
     })
     .await
 }

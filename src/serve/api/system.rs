@@ -1,13 +1,14 @@
 //! The daemon itself: where its data comes from, and its settings, read-only.
 
-use super::super::Context;
 use super::super::dto::params::{CollectorsQuery, NoQuery};
 use super::super::dto::rfc3339;
 use super::super::dto::system::{CollectorItem, CollectorList, SettingItem, System};
 use super::super::extract::{Params, within};
 use super::super::metrics;
 use super::super::problem::Problem;
+use super::super::{Context, DeviceState};
 use super::{Page, off_thread};
+use crate::alarm::Kind;
 use axum::Json;
 use axum::extract::State;
 use axum::response::Response;
@@ -25,7 +26,9 @@ pub async fn collectors(
     let limit = within("limit", query.limit.unwrap_or(1000), 1..=10_000)?;
     let now = context.clock.now();
     let devices = (context.plant().devices)();
-    let items = devices.iter().map(|device| CollectorItem::new(device, now)).collect();
+    let down = context.results.active(Kind::CollectorDown);
+    let is_down = |device: &DeviceState| down.iter().any(|name| name.as_str() == device.name);
+    let items = devices.iter().map(|device| CollectorItem::new(device, is_down(device), now)).collect();
     let Page { total, items, next } = Page::of(items, |item| &item.name, query.after.as_deref(), limit);
     Ok(Json(CollectorList { time: rfc3339(now), total, items, next }))
 }
@@ -48,6 +51,7 @@ pub async fn system(
             loops: plant.loops().len(),
             tags: plant.history.tag_count(),
             event_places_left: context.event_clients.available_permits(),
+            max_shelve_s: context.results.max_shelve_s(),
             scheduler: context.scheduler.counters().into(),
             settings: plant.facts.settings.iter().map(SettingItem::from).collect(),
         })

@@ -175,6 +175,7 @@ mod acting {
                 Err(Problem::field("duration_s", format!("duration_s: {refusal}")))
             }
             Err(Refusal::Nameless) => Err(Problem::field("by", format!("by: {}", Refusal::Nameless))),
+            Err(Refusal::Unrecorded) => Err(Problem::busy("audit_failed", Refusal::Unrecorded.to_string())),
             Err(refusal) => Err(Problem::new(StatusCode::CONFLICT, "writeback_state", refusal.to_string())),
         }
     }

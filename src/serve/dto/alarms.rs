@@ -63,6 +63,8 @@ pub struct AlarmList {
     pub time: Option<String>,
     /// Alarms that pass the filters, on all pages.
     pub total: usize,
+    /// Alarms that wait for somebody to acknowledge them, in whatever state they are, and whatever the filters.
+    pub to_acknowledge: usize,
     /// The alarms of this page, by name.
     pub items: Vec<AlarmItem>,
     /// `after` of the next page; null on the last.
@@ -187,17 +189,9 @@ impl AlarmState {
 }
 
 impl AlarmKind {
-    /// What an alarm of this kind is about, as mails call it; the page has the same.
+    /// What an alarm of this kind is about.
     pub fn words(self) -> &'static str {
-        match self {
-            Self::Stiction => "the valve sticks",
-            Self::FRising => "friction rises",
-            Self::NotIdentifiable => "cannot be told",
-            Self::TagBad => "a tag is bad",
-            Self::CollectorDown => "the collector is down",
-            Self::CompensationTripped => "write-back was closed by a fault",
-            Self::UnexplainedResidual => "much is unexplained",
-        }
+        Kind::ALL.into_iter().find(|kind| Self::from(*kind) == self).map_or("", Kind::words)
     }
 }
 

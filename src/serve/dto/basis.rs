@@ -2,8 +2,8 @@
 
 use super::Structure;
 use crate::diagnosis::{self, Settings};
-use crate::results::{Basis, Before, Extent};
-use crate::signal::SpanSource;
+use crate::results::{Basis, Before, Extent, Silent};
+use crate::signal::{Role, SpanSource};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -27,8 +27,24 @@ pub struct BasisText {
     pub op_limits: Option<[f64; 2]>,
     /// Whether the process integrates; null where that is not known.
     pub integrates: Option<bool>,
+    /// Which of OP and PV was silent, so that nothing was diagnosed; left out where neither was.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub silent: Option<SilentText>,
+    /// What stands for where OP and PV were read: an FNV-1a of that, 16 hexadecimal digits; left out where nobody said.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub source: Option<String>,
     /// Which samples of each tag.
     pub tags: Vec<ExtentText>,
+}
+
+/// A tag that was silent.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SilentText {
+    /// `op` or `pv`.
+    pub tag: String,
+    /// Stamp of its last good sample (s).
+    pub since: f64,
 }
 
 /// Settings of a diagnosis.
@@ -100,6 +116,10 @@ impl From<&Basis> for BasisText {
             op_span_source: basis.op_span_source.as_str().to_string(),
             op_limits: basis.op_limits.map(<[f64; 2]>::from),
             integrates: basis.integrates,
+            silent: basis
+                .silent
+                .map(|own| SilentText { tag: own.tag.as_str().to_string(), since: own.since }),
+            source: basis.source.map(|own| format!("{own:016x}")),
             tags: basis.extents.iter().map(extent).collect(),
         }
     }
@@ -149,6 +169,10 @@ impl BasisText {
             let digest = u64::from_str_radix(&own.digest, 16).ok()?;
             Some(Extent { tag: own.tag.clone(), n: own.n, span: own.span.map(<(f64, f64)>::from), digest })
         };
+        let silent = |own: &SilentText| {
+            let tag = [Role::Op, Role::Pv].into_iter().find(|role| role.as_str() == own.tag)?;
+            Some(Silent { tag, since: own.since })
+        };
         Some(Basis {
             settings,
             structure: match &self.structure {
@@ -160,6 +184,14 @@ impl BasisText {
             op_span_source: SpanSource::from_name(&self.op_span_source),
             op_limits: self.op_limits.map(<(f64, f64)>::from),
             integrates: self.integrates,
+            silent: match &self.silent {
+                Some(own) => Some(silent(own)?),
+                None => None,
+            },
+            source: match &self.source {
+                Some(own) => Some(u64::from_str_radix(own, 16).ok()?),
+                None => None,
+            },
             extents: self.tags.iter().map(extent).collect::<Option<_>>()?,
         })
     }
@@ -179,7 +211,8 @@ mod tests {
             let op: Vec<Sample> = times.iter().map(|t| Sample::good(*t, t.sin())).collect();
             let settings = Settings { f_threshold: threshold, ts: Some(threshold / 3.0), ..Settings::default() };
             let integrates = Some(threshold > 1.0);
-            let record = Record { op, op_limits: Some((-0.1, threshold)), integrates, ..Record::default() };
+            let source = (threshold > 30.0).then_some(threshold.to_bits());
+            let record = Record { op, op_limits: Some((-0.1, threshold)), integrates, source, ..Record::default() };
             let valve = (threshold > 1.0).then(|| ValveModel {
                 s: threshold,
                 j: threshold / 3.0,
@@ -201,7 +234,9 @@ mod tests {
             let known = residual::Structure { valve, direct: threshold > 3.0, asked: threshold > 6.0, effects, failed, searched: threshold / 11.0, confirmed: threshold as u32 };
             let known = (threshold > 0.1).then_some(known);
             let before = (threshold > 50.0).then_some(Before { f: threshold, f_ci95: [0.1, 2.0 * threshold] });
-            let basis = Basis::of(&record, &settings, known).after(before);
+            let tag = if threshold > 20.0 { Role::Op } else { Role::Pv };
+            let silent = (threshold > 10.0).then_some(Silent { tag, since: 1e9 * threshold });
+            let basis = Basis::of(&record, &settings, known).after(before).silent(silent);
             prop_assert_eq!(BasisText::read(&BasisText::text(&basis).expect("text")), Some(basis));
         }
     }

@@ -22,19 +22,24 @@ pub struct Quantity {
     pub unit: String,
     /// When it was measured.
     pub time: Option<String>,
+    /// How long ago it was last known to hold (s of plant time), whatever the clock of its source shows: since it came, or since its
+    /// source was last there, where that sends changes only and tells all of them. Null where nothing has arrived.
+    pub age_s: Option<f64>,
     /// `good`, `stale`, `bad:…`, or `none` when nothing has arrived.
     pub quality: &'static str,
 }
 
 impl Quantity {
-    /// The newest sample of a tag.
-    pub fn new(tag: &TagSpec, sample: Option<Sample>) -> Self {
+    /// The newest sample of a tag, and how long ago it was last known to hold (s).
+    pub fn new(tag: &TagSpec, newest: Option<(Sample, f64)>) -> Self {
+        let sample = newest.map(|(sample, _)| sample);
         let usable = sample.filter(|s| !matches!(s.quality, Quality::Bad(_)));
         Self {
             tag: tag.kind.name().to_string(),
             value: usable.and_then(|s| finite(s.value)),
             unit: tag.unit.clone(),
             time: sample.and_then(|s| rfc3339(s.t)),
+            age_s: newest.and_then(|(_, age_s)| finite(age_s)),
             quality: sample.map_or("none", |s| s.quality.as_str()),
         }
     }
@@ -117,6 +122,8 @@ pub struct LoopItem {
     pub time: Option<String>,
     /// How long ago that is (s of plant time).
     pub age_s: Option<f64>,
+    /// Time between two diagnoses (s of plant time).
+    pub period_s: f64,
     /// How good the data behind it was: `good`, `fair`, `poor`.
     pub quality: Option<String>,
     /// True where the published methods contradict the verdict so that somebody should look at the loop.
@@ -127,7 +134,7 @@ pub struct LoopItem {
     pub alarm: AlarmState,
     /// Its other alarms that are not normal.
     pub other_alarms: Vec<OtherAlarm>,
-    /// The loop that this one may calm down with, by an order of the work list that stands.
+    /// The loop that this one may calm down with, by an order of the work list that stands and the latest look at the plant.
     pub swings_with: Option<String>,
     /// What needs looking at: 5 unacknowledged, 4 acknowledged, 3 stiction without alarm yet, 2 returned unacknowledged
     /// or latched, 1 cannot be told, 0 nothing; an alarm that is silent counts as 1.
@@ -173,6 +180,7 @@ impl LoopItem {
             delta_aic: item.as_ref().and_then(|i| i.delta_aic),
             time: summary.and_then(|s| rfc3339(s.time)),
             age_s: summary.and_then(|s| age(now, s.time)),
+            period_s: info.period_s,
             quality: diagnosis.map(|d| super::report::quality(d).as_str().to_string()).or_else(restored),
             doubtful: match judged {
                 Some(judged) => judged.is_doubtful(),
@@ -224,8 +232,6 @@ pub struct LoopDetail {
     /// As in the list.
     #[serde(flatten)]
     pub item: LoopItem,
-    /// Time between two diagnoses (s of plant time).
-    pub period_s: f64,
     /// Span of OP (OP unit), where known.
     pub op_span: Option<f64>,
     /// Limits of OP (OP unit), where known.
@@ -419,6 +425,7 @@ mod tests {
             quality: "good".into(),
             doubtful: false,
             structure: None,
+            source: None,
             report: serde_json::to_string(&report).expect("JSON").into(),
         }));
         assert_eq!(LoopDetail::f_threshold(&known, None), Some(0.008));

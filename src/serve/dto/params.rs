@@ -24,7 +24,7 @@ pub struct LoopsQuery {
     pub group: Option<String>,
     /// Only loops of this site: of the group that is called so, and of every group whose name is `site / unit`.
     pub site: Option<String>,
-    /// Only loops whose id or description contains this, whatever the case.
+    /// Only loops whose id, description or group contains this, whatever the case.
     pub q: Option<String>,
     /// Loops a page, 1 to 1000; default 100.
     #[param(minimum = 1, maximum = 1000)]

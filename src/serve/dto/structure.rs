@@ -63,9 +63,9 @@ pub enum Lasting {
         /// Whether it holds the stem itself.
         held: bool,
     },
-    /// Friction that differs between opening and closing.
+    /// Friction that differs by direction.
     AsymmetricFriction {
-        /// S is `S (1 + asymmetry)` where the stem closes, `S (1 - asymmetry)` where it opens (-).
+        /// S is `S (1 + asymmetry)` where OP falls, `S (1 - asymmetry)` where it rises (-).
         asymmetry: f64,
     },
 }

@@ -28,6 +28,8 @@ pub struct System {
     pub tags: usize,
     /// Clients that may still begin to listen to events.
     pub event_places_left: usize,
+    /// Longest time that an alarm may be shelved, until its condition clears too (s).
+    pub max_shelve_s: f64,
     /// The scheduler.
     pub scheduler: SchedulerItem,
     /// What it was told.
@@ -107,6 +109,9 @@ pub struct CollectorItem {
     pub name: String,
     /// Whether a connection is open.
     pub connected: bool,
+    /// Whether the condition of its alarm `collector_down` holds: no good sample for so long that it counts as down, be a connection
+    /// open or not. False where that alarm is switched off.
+    pub down: bool,
     /// When the last good sample came.
     pub last_good: Option<String>,
     /// How long ago that is (s of plant time).
@@ -116,11 +121,12 @@ pub struct CollectorItem {
 }
 
 impl CollectorItem {
-    /// A device as it is at `now` (s).
-    pub fn new(device: &DeviceState, now: f64) -> Self {
+    /// A device as it is at `now` (s); `down` as its alarm says.
+    pub fn new(device: &DeviceState, down: bool, now: f64) -> Self {
         Self {
             name: device.name.clone(),
             connected: device.connected,
+            down,
             last_good: device.last_good.and_then(rfc3339),
             age_s: device.last_good.and_then(|t| age(now, t)),
             counters: device.counters.iter().copied().collect(),

@@ -28,6 +28,7 @@ const FILES: &[(&str, &str, &str)] = &[
     ("/js/fleet.js", SCRIPT, include_str!("assets/js/fleet.js")),
     ("/js/groups.js", SCRIPT, include_str!("assets/js/groups.js")),
     ("/js/health.js", SCRIPT, include_str!("assets/js/health.js")),
+    ("/js/lines.js", SCRIPT, include_str!("assets/js/lines.js")),
     ("/js/live.js", SCRIPT, include_str!("assets/js/live.js")),
     ("/js/login.js", SCRIPT, include_str!("assets/js/login.js")),
     ("/js/loop.js", SCRIPT, include_str!("assets/js/loop.js")),

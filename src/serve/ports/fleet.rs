@@ -11,7 +11,7 @@ pub struct Machine {
     pub name: String,
     /// Version of its program.
     pub version: String,
-    /// When it said so (s), by the clock of the NATS server.
+    /// When it said so (s), by the clock of who was asked, whatever that is off the NATS server's.
     pub heard_at: f64,
     /// How far its clock is ahead of that server's (s).
     pub clock_offset_s: f64,
@@ -49,6 +49,11 @@ pub trait FleetPort: Send + Sync {
 
     /// Messages of others that were of no use, or would have taken too much.
     fn refused(&self) -> u64 {
+        0
+    }
+
+    /// Messages of loops that no edge has announced, or that are another edge's, which were left out.
+    fn left_out(&self) -> u64 {
         0
     }
 }

@@ -28,7 +28,7 @@ pub struct GroupSeen {
     pub period_s: f64,
     /// Its loops, the strongest first.
     pub members: Vec<LoopId>,
-    /// Who may have started it, the likeliest first: probability (0..1) and evidence.
+    /// Who may have started it, the likeliest first: probability (0..1) and evidence. None where no member can be judged.
     pub suspects: Vec<(LoopId, f64, Vec<String>)>,
     /// What is drawn of it; none of the smallest of very many.
     pub pictures: Option<GroupPictures>,
@@ -45,16 +45,16 @@ pub struct WorkLine {
 
 impl WorkLine {
     /// What lines are sorted by, the greatest first: standing before watched before over, then price, then how many loops are
-    /// expected to be calmer.
-    pub fn rank(&self) -> (u8, f64, f64) {
+    /// expected to be calmer, then how sure the cause is, an unknown one last.
+    pub fn rank(&self) -> (u8, [f64; 3]) {
         let standing = match self.order.state {
             state if state.is_standing() => 2,
             state if state.is_over() => 0,
             _ => 1,
         };
-        let victims = self.order.seen.as_ref().map_or(0, |seen| seen.victims.len());
-        let probability = self.order.cause().map_or(0.0, |(_, probability)| probability);
-        (standing, self.cost.as_ref().map_or(0.0, |(cost, _)| *cost), probability * (1 + victims) as f64)
+        let sure = self.order.cause().and_then(|(_, probability)| probability);
+        let cost = self.cost.as_ref().map_or(0.0, |(cost, _)| *cost);
+        (standing, [cost, self.order.worth(), sure.unwrap_or(-1.0)])
     }
 }
 

@@ -108,7 +108,7 @@ impl Drawn<'_> {
 
     fn spectra(&self, out: &mut String, few: &[PlantLoop]) {
         let Self { members, source, group, found, .. } = *self;
-        let of = Spectra::of(few);
+        let of = Spectra::of(few, group.period_s);
         let height = ROW * members.len() as f64 + 22.0;
         let _ = write!(out, "<svg viewBox=\"0 0 {WIDTH} {height}\" role=\"img\" aria-label=\"spectra\">");
         // Two octaves slower, three faster than the group.

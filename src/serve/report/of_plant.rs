@@ -11,14 +11,14 @@ use std::fmt::Write;
 /// A bar is full at this f (% OP); in other units nobody knows what is bad, and there is none.
 const FULL: f64 = 5.0;
 
-/// All loops, worst first.
-pub fn of_plant(items: &[LoopItem], now: Option<&str>) -> String {
+/// All loops, worst first; `to_acknowledge`: alarms of whatever kind that nobody has acknowledged.
+pub fn of_plant(items: &[LoopItem], to_acknowledge: usize, now: Option<&str>) -> String {
     let count = |wanted: &dyn Fn(&LoopItem) -> bool| items.iter().filter(|item| wanted(item)).count();
     let verdict = |name: &'static str| count(&move |item| item.verdict.as_deref() == Some(name));
     let facts = [
         ("loops", items.len()),
         ("sticking", verdict("stiction")),
-        ("alarms not acknowledged", count(&|item| item.severity == 5)),
+        ("alarms not acknowledged", to_acknowledge),
         ("no sticking shown", verdict("no_stiction")),
         ("cannot be told", verdict("not_identifiable")),
         ("not diagnosed yet", count(&|item| item.verdict.is_none())),
@@ -40,16 +40,18 @@ pub fn of_plant(items: &[LoopItem], now: Option<&str>) -> String {
 }
 
 /// Why nothing can be told of a valve, in a few words; the page has the same in its tiles.
-const REASONS: [(&str, &str); 17] = [
+const REASONS: [(&str, &str); 19] = [
     ("too_short", "too little data"),
     ("no_time_base", "no time base"),
     ("gaps", "data missing"),
+    ("silent", "the source is silent"),
     ("read_apart", "OP and PV read apart"),
     ("ts_too_short", "ts_s too short"),
     ("flat_op", "OP stands still"),
     ("flat_pv", "PV stands still"),
     ("saturated", "OP at a limit"),
     ("manual", "not in automatic"),
+    ("mode_unknown", "mode not readable"),
     ("not_excited", "OP hardly reverses"),
     ("hidden_friction", "sticking would not show"),
     ("undersampled", "sampled too slowly"),
@@ -156,7 +158,7 @@ mod tests {
                 delta_aic: Some(100.0),
                 compensated: None,
             });
-            of_plant(&[LoopItem::new(&info, &known, 0.0)], None).matches("<svg").count()
+            of_plant(&[LoopItem::new(&info, &known, 0.0)], 0, None).matches("<svg").count()
         };
         assert_eq!([bars(true), bars(false)], [1, 0]);
     }

@@ -27,11 +27,10 @@ pub fn of_work(listing: &WorkListing) -> String {
 }
 
 fn row(out: &mut String, item: &WorkItem) {
-    let sure = item.probability.filter(|_| item.cause != Some("unknown"));
     let cause = format!(
         "{}{}",
         item.cause.unwrap_or("–"),
-        sure.map(|p| format!(", {}", escape(&percent(p)))).unwrap_or_default()
+        item.probability.map(|p| format!(", {}", escape(&percent(p)))).unwrap_or_default()
     );
     let _ = write!(
         out,

@@ -1,7 +1,8 @@
 // What an operator does about an alarm: dialogs that ask who and why. The daemon has the last word.
 
-import { alarmPath, post } from "./api.js";
+import { alarmPath, get, post } from "./api.js";
 import { h, memory, toast } from "./dom.js";
+import { lasting } from "./format.js";
 import { touch } from "./live.js";
 import { session } from "./session.js";
 
@@ -59,14 +60,26 @@ export const takeOut = simple("Take out of service the alarm of", () => [comment
 export const giveBack = simple("Give back to service the alarm of", () => [remark()], "Give back", "in-service", "back in service");
 
 const DURATIONS = [["1 hour", 3600], ["8 hours: a shift", 28800], ["24 hours", 86400], ["3 days", 259200], ["7 days", 604800]];
-const ONCE = "once";
+const ONCE = "once", WEEK_S = 604800;
 
 export function shelve(id, name = id, loop = id) {
-  const options = DURATIONS.map(([text, seconds]) => h("option", { value: seconds, selected: seconds === 28800 }, text));
-  const once = h("option", { value: ONCE }, "until its condition goes, at most 7 days");
-  const fields = [h("label", null, "For", h("select", { name: "duration", autofocus: true }, options, once)), comment("Reason", { required: true })];
-  return ask(`Shelve the alarm of ${name}`, fields, "Shelve", ({ by, comment: said, duration }) => {
-    const how = duration === ONCE ? { duration_s: 604800, one_shot: true } : { duration_s: Number(duration) };
+  const once = h("option", { value: ONCE }), options = DURATIONS.map(([text, seconds]) => h("option", { value: seconds, selected: seconds === 28800 }, text));
+  const choice = h("select", { name: "duration", autofocus: true }, options, once);
+  let most;
+  // Offers no more than is allowed (s).
+  function bound(seconds) {
+    most = seconds;
+    once.textContent = `until its condition goes, at most ${lasting(most)}`;
+    for (const own of options) if (Number(own.value) > most) own.remove();
+    if (choice.options.length > 1) return;
+    once.before(h("option", { value: most }, lasting(most)));
+    choice.selectedIndex = 0;
+  }
+  // The dialog does not wait for the daemon, which refuses what is too long.
+  bound(WEEK_S);
+  get("/system").then((system) => bound(system.max_shelve_s), () => {});
+  return ask(`Shelve the alarm of ${name}`, [h("label", null, "For", choice), comment("Reason", { required: true })], "Shelve", ({ by, comment: said, duration }) => {
+    const how = duration === ONCE ? { duration_s: most, one_shot: true } : { duration_s: Number(duration) };
     return alarm(id, loop, "shelve", { by, comment: said, ...how }, `${name}: shelved`);
   });
 }

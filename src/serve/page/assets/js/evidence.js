@@ -1,5 +1,6 @@
 // The plots behind a verdict, from what the API says the diagnosis saw.
 
+import { h } from "./dom.js";
 import { plot } from "./svg.js";
 import { short } from "./format.js";
 import { chart, charts } from "./trend.js";
@@ -74,9 +75,18 @@ function curve(box, report) {
 }
 
 function months(box, detail, report, runs, alarms) {
-  const told = runs.filter((run) => run.time).slice().reverse();
-  if (!told.length) return nothing(box, "No diagnosis yet.");
-  const unit = report?.f_unit ?? detail.f_unit ?? "% OP", limit = (side) => told.map((run) => (run.f_ci95 ? run.f_ci95[side] : null));
+  // A share of the span and OP's own unit do not fit on one axis: an f of another unit is from before the span was changed.
+  const unit = report?.f_unit ?? detail.f_unit ?? "% OP", timed = runs.filter((run) => run.time).toReversed(), isOther = (run) => run.f !== null && run.f_unit !== unit;
+  const told = timed.filter((run) => !isOther(run)), others = timed.filter(isOther);
+  if (!timed.length) return nothing(box, "No diagnosis yet.");
+  if (told.length) course(box, detail, unit, told, alarms);
+  else box.replaceChildren();
+  if (others.length) box.append(h("p", { class: "note" }, `${others.length === 1 ? "One diagnosis has" : `${others.length} diagnoses have`} f in ${[...new Set(others.map((run) => run.f_unit))].join(", ")} and ${others.length === 1 ? "is" : "are"} not drawn.`));
+}
+
+// f of these runs over time, with the changes of the alarm.
+function course(box, detail, unit, told, alarms) {
+  const limit = (side) => told.map((run) => (run.f_ci95 ? run.f_ci95[side] : null));
   const layers = [{ kind: "dots", x: told.map((run) => Date.parse(run.time)), y: told.map((run) => run.f), low: limit(0), high: limit(1) }];
   if (detail.f_threshold !== null) layers.unshift({ kind: "level", class: "alarm dash thin", at: detail.f_threshold, text: `threshold ${short(detail.f_threshold)}` });
   const flags = alarms.filter((one) => one.time).map((one) => ({ x: Date.parse(one.time), raised: one.cause === "raised", text: `${one.cause.replaceAll("_", " ")}: ${one.from} to ${one.to}, ${new Date(one.time).toLocaleString("sv-SE")}${one.by ? `, ${one.by}` : ""}` }));

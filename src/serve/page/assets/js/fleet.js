@@ -1,9 +1,10 @@
 // A fleet: who is there, how far behind, whose clock is off; a map of all loops by site and unit, and a list that the server
 // pages and searches, so that it is as quick with 100,000 loops as with ten.
 
-import { get } from "./api.js";
+import { all, get, often } from "./api.js";
 import { h, scroll } from "./dom.js";
-import { friction, when } from "./format.js";
+import { ago, friction, when } from "./format.js";
+import { isOld, since } from "./live.js";
 import { legend, many, named, placeOf, plantMap, sitesOf } from "./map.js";
 import { kindOf } from "./states.js";
 
@@ -12,6 +13,7 @@ const ENDS_S = 30 * 86400; // A certificate that ends sooner is told.
 const BEHIND_S = 60; // What waits for longer is told.
 const EVERY_MS = 5000;
 const PAGE = 50; // Loops that are listed at a time.
+const MOST = 1000; // Loops that the server hands out at a time.
 const FEW = 10; // Sites or units of the table before all are asked for.
 const TYPING_MS = 200;
 
@@ -42,6 +44,13 @@ function machine(own, now) {
   return h("tr", { "data-machine": own.name }, ...cells(own.site ?? "–", own.name, own.role, own.version, state, own.role === "worker" ? "–" : own.loops, lag, clock, own.diagnosed, when(own.since), certificate));
 }
 
+// Draws the rows of a table anew. What has the focus keeps it: the row of the same key.
+function redraw(body, rows, key) {
+  const at = body.contains(document.activeElement) ? document.activeElement.closest("tr").dataset[key] : null;
+  body.replaceChildren(...rows);
+  if (at !== null) [...body.children].find((own) => own.dataset[key] === at)?.querySelector("a").focus({ preventScroll: true });
+}
+
 // What a fleet is, in a sentence.
 function said(fleet) {
   if (fleet.role === "alone") return "This machine is alone: it is no part of a fleet.";
@@ -55,11 +64,12 @@ function said(fleet) {
 
 function listed(item) {
   const link = h("a", { href: `#/loop/${encodeURIComponent(item.id)}` }, item.id);
-  return h("tr", { "data-id": item.id }, ...cells(link, item.description || "–", item.group || "–", kindOf(item).label, item.verdict && item.f !== null ? friction(item) : "–", item.time ? when(item.time) : "–"));
+  const diagnosed = isOld(item) ? doubt(true, `${when(item.time)}, ${ago(since(item.time))}`) : when(item.time);
+  return h("tr", { "data-id": item.id }, ...cells(link, item.description || "–", item.group || "–", kindOf(item).label, item.verdict && item.f !== null ? friction(item) : "–", diagnosed));
 }
 
 export function fleetView(main, _parts, query) {
-  let over = false, typing = null, asked = 0, again = null, sites = [], drawn = null, most = FEW;
+  let over = false, typing = null, asked = 0, busy = false, count = PAGE, listing = null, answeredFor = null, sites = [], drawn = null, most = FEW;
   // Null asks for nothing; the name of a site or a unit may be empty. A unit's group says of which site it is.
   const group = query.get("group");
   const wanted = { q: query.get("q") || null, site: group === null ? query.get("site") : placeOf(group).site, group };
@@ -70,16 +80,19 @@ export function fleetView(main, _parts, query) {
   const summary = h("p", { class: "summary", role: "status" }, "loading …"), machines = h("tbody"), places = h("tbody"), found = h("tbody");
   const map = plantMap((site, group) => choose(site, isWhole() ? null : group));
   const heading = h("h2", null, "Sites and units"), back = button("All sites", () => choose(null, null)), box = scroll("Sites and units", table(PLACES, places));
-  const all = button("", () => {
+  const every = button("", () => {
     most = Infinity;
     arrange();
     box.focus({ preventScroll: true });
   });
-  const search = h("input", { type: "search", name: "q", maxlength: "100", placeholder: "loop or description" });
-  const only = button("", out), shown = h("p", { class: "summary", role: "status" }), more = h("button", { type: "button", hidden: true }, "More");
+  const search = h("input", { type: "search", name: "q", maxlength: "100", placeholder: "loop, description or unit" });
+  const only = button("", out), shown = h("p", { class: "summary", role: "status" }), more = button("More", () => {
+    count += PAGE;
+    find();
+  });
   const list = h("section", { class: "card wide", "aria-label": "Loops" }, h("h2", null, "Loops"), h("form", { class: "tools", role: "search", on: { submit: (event) => event.preventDefault() } }, h("label", null, "Find", search), only), shown, scroll("Loops that were found", table(LOOPS, found)), more);
   main.append(h("div", { class: "head" }, h("h1", null, "Fleet")), summary,
-    h("section", { class: "card wide", "aria-label": "Map" }, h("header", null, heading, back), map.element, legend(), box, all),
+    h("section", { class: "card wide", "aria-label": "Map" }, h("header", null, heading, back), map.element, legend(), box, every),
     list, h("section", { class: "card wide", "aria-label": "Machines" }, h("h2", null, "Machines"), scroll("Machines", table(MACHINES, machines))));
   search.value = wanted.q ?? "";
 
@@ -100,7 +113,7 @@ export function fleetView(main, _parts, query) {
     }
     // Also where a fleet has one site: its units are pressed at once.
     if (group !== null) list.scrollIntoView({ block: "nearest" });
-    find(null);
+    ask();
   }
 
   // One step out: from a unit to its site, from there to all.
@@ -130,42 +143,49 @@ export function fleetView(main, _parts, query) {
     heading.textContent = wanted.site === null ? "Sites and units" : `Units of ${named(wanted.site)}`;
     back.hidden = wanted.site === null;
     map.show(chosen);
-    const at = places.contains(document.activeElement) ? document.activeElement.closest("tr").dataset.place : null;
-    places.replaceChildren(...rows.slice(0, most).map(row));
-    if (at !== null) [...places.children].find((own) => own.dataset.place === at)?.querySelector("a").focus({ preventScroll: true });
-    all.hidden = rows.length <= most;
-    all.textContent = `All ${many(rows.length, isWhole() ? "site" : "unit")}`;
+    redraw(places, rows.slice(0, most).map(row), "place");
+    every.hidden = rows.length <= most;
+    every.textContent = `All ${many(rows.length, isWhole() ? "site" : "unit")}`;
   }
 
-  async function find(after) {
-    const mine = ++asked, asking = new URLSearchParams([["limit", String(PAGE)], ...filters()]);
-    again = null;
+  // Another question begins with its worst loops.
+  function ask() {
+    count = PAGE;
+    find();
+  }
+
+  /** Fetches the first `count` loops that are asked for; rows are drawn anew only where others come. */
+  async function find() {
+    const mine = ++asked, wants = filters(), question = JSON.stringify(wants), asking = new URLSearchParams([["limit", String(Math.min(count, MOST))], ...wants]);
+    busy = true;
     only.hidden = wanted.site === null;
     only.textContent = `only ${named(wanted.group ?? wanted.site)} ✕`;
-    if (after) asking.set("after", after);
     try {
-      const page = await get(`/loops?${asking}`);
+      const { items, total, next } = await all(`/loops?${asking}`, { most: count });
       if (over || mine !== asked) return;
-      const rows = page.items.map(listed);
-      if (after) found.append(...rows);
-      else found.replaceChildren(...rows);
-      const none = filters().length ? "No loop is like this." : "There are no loops yet.";
-      shown.textContent = page.total ? `${found.children.length} of ${many(page.total, "loop")}, worst first` : none;
-      more.hidden = !page.next;
-      more.onclick = () => find(page.next);
+      // Far down the server hands out more at a time.
+      count = Math.max(count, items.length);
+      const now = JSON.stringify(items.map((item) => [{ ...item, age_s: null }, isOld(item) && ago(since(item.time))]));
+      if (now !== listing) redraw(found, items.map(listed), "id");
+      [listing, answeredFor] = [now, question];
+      const none = wants.length ? "No loop is like this." : "There are no loops yet.";
+      shown.textContent = total ? `${items.length} of ${many(total, "loop")}, worst first` : none;
+      more.hidden = !next;
     } catch (error) {
       if (over || mine !== asked) return;
-      again = () => find(after);
       shown.textContent = `the loops cannot be fetched: ${error.message}`;
-      if (after) return;
-      // What is there was found by another question.
+      // What was found by this question stays.
+      if (question === answeredFor) return;
       found.replaceChildren();
+      listing = null;
       more.hidden = true;
+    } finally {
+      if (mine === asked) busy = false;
     }
   }
 
   async function show() {
-    again?.();
+    if (!busy) find();
     try {
       const [fleet, plant] = await Promise.all([get("/fleet"), get("/map")]);
       if (over) return;
@@ -187,15 +207,13 @@ export function fleetView(main, _parts, query) {
     typing = setTimeout(() => {
       wanted.q = search.value.trim() || null;
       history.replaceState(null, "", address(filters()));
-      find(null);
+      ask();
     }, TYPING_MS);
   });
-  show();
-  find(null);
-  const timer = setInterval(show, EVERY_MS);
+  const end = often(show, EVERY_MS);
   return () => {
     over = true;
-    clearInterval(timer);
+    end();
     clearTimeout(typing);
     map.end();
   };

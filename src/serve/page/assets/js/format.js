@@ -9,6 +9,12 @@ export const when = (time) => (time ? new Date(time).toLocaleString("sv-SE") : "
 
 export const clock = (milliseconds) => new Date(milliseconds).toLocaleTimeString("sv-SE");
 
+/** Times (ms) on an axis, in order: of each the time of day and, at the first and wherever a day begins, its date; else no date. */
+export function ticked(times) {
+  const date = (t) => new Date(t).toLocaleDateString("sv-SE").slice(5);
+  return times.map((t, i) => [clock(t), i > 0 && date(t) === date(times[i - 1]) ? "" : date(t)]);
+}
+
 /** A length of time (s) in its largest sensible unit. */
 export function lasting(seconds) {
   if (seconds === null || seconds === undefined || !Number.isFinite(seconds)) return "–";

@@ -1,6 +1,6 @@
 // Groups of loops that swing together: the list, and one group with its pictures.
 
-import { get, orNull, post } from "./api.js";
+import { get, often, orNull, post } from "./api.js";
 import { h, s, toast } from "./dom.js";
 import { percent, when } from "./format.js";
 import { may } from "./session.js";
@@ -31,12 +31,19 @@ function suspects(list) {
   return h("ul", { class: "effects" }, list.slice(0, 3).map(line));
 }
 
+// How many of some loops are in a group (0..1).
+const share = (some, group) => some.filter((id) => group.includes(id)).length / some.length;
+
+// A group of another look that has more of its loops is the same one: no loop is in two groups of a look, so no other can have as many.
+const SAME = 0.5;
+
 export function groupsView(main, [number]) {
-  let over = false, seen = null;
+  let over = false, seen = null, said = null, members = null;
   const summary = h("p", { class: "summary", role: "status" }, "loading …"), cards = h("div", { class: "cards" });
   const look = may("operator") && h("button", { type: "button", on: { click: ask } }, "Look at the plant now");
   const back = number ? h("a", { class: "back", href: "#/groups" }, "← Groups") : h("a", { class: "back", href: "#/work" }, "← Work list");
-  main.append(h("div", { class: "head" }, back, h("h1", null, number ? `Group ${number}` : "Groups that swing together"), number ? null : look || null), summary, cards);
+  const title = h("h1", null, number ? `Group ${number}` : "Groups that swing together");
+  main.append(h("div", { class: "head" }, back, title, number ? null : look || null), summary, cards);
 
   async function ask() {
     look.disabled = true;
@@ -58,37 +65,73 @@ export function groupsView(main, [number]) {
 
   const passed = (list) => h("section", { class: "card" }, h("details", null, h("summary", null, "Loops that could not be looked at"), h("ul", null, list.slice(0, 100).map(({ id, why }) => h("li", null, link(id), `: ${why}`)))));
 
+  // Each look numbers the groups anew: what is open is the group of these loops, whatever its number is by now. Null where there is
+  // nothing new.
+  async function find() {
+    if (!members) return orNull(get(`/groups/${encodeURIComponent(number)}`));
+    const { time, items } = await get("/groups");
+    if (!time || time === seen) return null;
+    const same = items.find((item) => share(members, item.members) > SAME);
+    if (!same) return { time, gone: true };
+    const found = await orNull(get(`/groups/${same.number}`));
+    // Another look may have come in between: the next time it is found there.
+    return found && share(members, found.members) > SAME ? found : null;
+  }
+
+  function say(text) {
+    summary.textContent = said = text;
+  }
+
+  function drawGroup(found) {
+    if (found.gone) {
+      say(`This group is not found any more by the look of ${when(found.time)}: what is shown is of the look before.`);
+      return;
+    }
+    if (members && String(found.number) !== number) {
+      number = String(found.number);
+      title.textContent = `Group ${number}`;
+      document.title = `${number} · stictiond`;
+      history.replaceState(null, "", `#/groups/${number}`);
+    }
+    members = found.members;
+    say(`${found.words} Looked at ${when(found.time)}.`);
+    cards.replaceChildren(h("section", { class: "card" }, suspects(found.suspects), h("p", { class: "note" }, names(found.members))), h("section", { class: "card" }, h("div", { class: "swings" }, found.pictures.map(picture))));
+  }
+
+  function drawAll(found) {
+    const skipped = found.skipped.length ? `; ${found.skipped.length} could not be looked at` : "";
+    say(`${found.items.length ? `${found.items.length} ${found.items.length === 1 ? "group" : "groups"}` : "No loops swing together"}, by a look at ${found.looked_at} loops at ${when(found.time)}${skipped}.`);
+    cards.replaceChildren(...found.items.slice(0, 100).map(card), ...(found.skipped.length ? [passed(found.skipped)] : []));
+  }
+
   /** True when another look is shown than before. */
   async function show() {
     try {
-      const found = await orNull(get(number ? `/groups/${encodeURIComponent(number)}` : "/groups"));
+      const found = await (number ? find() : orNull(get("/groups")));
       if (over) return true;
+      // A daemon that was started again has not looked yet. What was said before a fetch failed stands again.
+      if (seen !== null && (!found?.time || found.time === seen)) {
+        summary.textContent = said;
+        return false;
+      }
       if (!found?.time) {
         summary.textContent = number ? `There is no group ${number}: each look at the plant numbers the groups anew.` : "The plant has not been looked at yet.";
         return false;
       }
-      if (found.time === seen) return false;
-      const first = seen === null;
+      const another = seen !== null;
       seen = found.time;
-      if (number) {
-        summary.textContent = `${found.words} Looked at ${when(found.time)}.`;
-        cards.replaceChildren(h("section", { class: "card" }, suspects(found.suspects), h("p", { class: "note" }, names(found.members))), h("section", { class: "card" }, h("div", { class: "swings" }, found.pictures.map(picture))));
-      } else {
-        const skipped = found.skipped.length ? `; ${found.skipped.length} could not be looked at` : "";
-        summary.textContent = `${found.items.length ? `${found.items.length} ${found.items.length === 1 ? "group" : "groups"}` : "No loops swing together"}, by a look at ${found.looked_at} loops at ${when(found.time)}${skipped}.`;
-        cards.replaceChildren(...found.items.slice(0, 100).map(card), ...(found.skipped.length ? [passed(found.skipped)] : []));
-      }
-      return !first;
+      if (number) drawGroup(found);
+      else drawAll(found);
+      return another;
     } catch (error) {
       if (!over) summary.textContent = `the groups cannot be fetched: ${error.message}`;
       return false;
     }
   }
 
-  show();
-  const timer = setInterval(show, 15000);
+  const end = often(show, 15000);
   return () => {
     over = true;
-    clearInterval(timer);
+    end();
   };
 }

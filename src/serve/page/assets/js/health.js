@@ -1,4 +1,5 @@
-// A loop's indicators: the latest hour beside its shift, day and week, and how each went.
+// A loop's indicators: the latest hour beside its shift, day and week, and how each went. Some need more than an hour: their names
+// say of what they are, in every column.
 
 import { get, loopPath, orNull } from "./api.js";
 import { h, s, scroll } from "./dom.js";
@@ -6,7 +7,7 @@ import { short, when } from "./format.js";
 
 const OVER = ["hour", "shift", "day", "week"];
 const SHARES = new Set(["service_factor", "at_limits", "swing", "stuck", "noise_share"]);
-const WORDS = { score: "Score", service_factor: "In automatic", at_limits: "OP at a limit", error_sd: "Error, standard deviation", iae_per_s: "Error, mean size", harris: "Harris index", swing: "Swing", period_s: "Period of the swing", travel_a_day: "Valve travel a day", reversals_a_day: "Reversals a day", stuck: "PV stands still", noise_share: "Noise", quantisation: "Step of PV" };
+const WORDS = { score: "Score, whole record", service_factor: "In automatic", at_limits: "OP at a limit", error_sd: "Error, standard deviation", iae_per_s: "Error, mean size", harris: "Harris index, latest samples", swing: "Swing, whole record", period_s: "Period of the swing, whole record", travel_a_day: "Valve travel a day", reversals_a_day: "Reversals a day", stuck: "PV stands still", noise_share: "Noise", quantisation: "Step of PV", error_mean: "Error, mean", pv_mean: "PV, mean" };
 const WIDE = 220, HIGH = 26;
 
 const value = (name, x) => (x === null ? "–" : SHARES.has(name) ? `${short(100 * x, 3)} %` : short(x, 3));

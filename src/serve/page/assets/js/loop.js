@@ -1,10 +1,10 @@
 // One loop: the verdict in words, the trends, and the picture that makes one believe it.
 
-import { get, href, loopPath, orNull, post } from "./api.js";
+import { AGAIN_MS, get, href, loopPath, mayPass, often, orNull, post } from "./api.js";
 import { acknowledge, shelve, unshelve } from "./actions.js";
 import { h, scroll, toast } from "./dom.js";
 import { ago, frictionNamed, lasting, percent, short, when } from "./format.js";
-import { listen, since, touch } from "./live.js";
+import { listen, since, state as known, touch } from "./live.js";
 import { drawEvidence } from "./evidence.js";
 import { health } from "./health.js";
 import { opinionsPanel } from "./opinions.js";
@@ -12,11 +12,9 @@ import { may } from "./session.js";
 import { alarmWords, isShelved, kindOf, mayAck, mayShelve, VERDICTS, words } from "./states.js";
 import { trend } from "./trend.js";
 
-const RETRY_MS = 5000;
-const AGE_MS = 30_000; // How often it is said anew how long ago the diagnosis is.
-
-// Whether it may go well the next time: no answer, too many requests, a server in trouble.
-const again = ({ status }) => status === 0 || status === 429 || status >= 500;
+const AGE_MS = 30_000; // After how long it is said anew how old things are.
+const OLD_S = 120, SCANS = 10; // A value that is older, and by more than so many sample periods, has its age beside it.
+const AGING = new Set(["age_s", "values"]); // What differs each time it is fetched.
 
 const card = (title, size, ...children) => h("section", { class: `card ${size}`, "aria-label": title }, h("header", null, h("h2", null, title)), ...children);
 const pairs = (list) => list.map(([name, value]) => h("div", null, h("dt", null, name), h("dd", null, value)));
@@ -25,7 +23,8 @@ const pairs = (list) => list.map(([name, value]) => h("div", null, h("dt", null,
 const reading = (tag, value) => (tag === "mode" && value !== null ? (value === 1 ? "automatic" : "manual") : short(value));
 
 export function loopView(main, [id]) {
-  let over = false, endTrend = null, showing = null, retry = null, diagnosed = null, alarms = [];
+  let over = false, endTrend = null, begun = false, showing = null, again = false, drawn = null, retry = null, diagnosed = null, oldest = OLD_S;
+  const newest = new Map(); // What is known of each tag, and until when it is known to have held (ms), by our own clock.
   const head = h("div", { class: "head" }, h("a", { class: "back", href: "#/" }, "← Plant"), h("h1", null, id), h("p"));
   const banner = h("section", { class: "verdict", "aria-label": "Verdict" });
   const age = h("span");
@@ -89,23 +88,47 @@ export function loopView(main, [id]) {
     if (focused) [...banner.querySelectorAll("button, a")].find((one) => one.textContent === focused)?.focus();
   }
 
-  // What was said when it was fetched grows old.
-  function grow() {
-    const seconds = since(diagnosed);
+  // What was said when it was fetched grows old. Of a value that nothing has come of, the daemon may know that it still holds.
+  async function grow() {
+    const seconds = since(diagnosed), asked = performance.now();
     if (seconds !== null) age.textContent = ago(seconds);
+    const detail = [...newest.keys()].some(isLate) && (await get(loopPath(id)).catch(() => null));
+    if (detail && !over) drawValues(detail.values, asked);
+    else for (const tag of newest.keys()) drawValue(tag);
   }
 
-  // A value that is not good says why.
-  function drawValue(box, { tag, value, unit, quality }) {
-    const good = quality === "good";
-    box.classList.toggle("bad", !good);
-    box.lastChild.replaceChildren(reading(tag, value), " ", h("small", null, good ? unit : `${unit} ${quality}`));
-    return box;
+  // How old a value is (s): the clock that stamped it may be hours off.
+  function ageOf(tag) {
+    const { at } = newest.get(tag);
+    return at === null ? null : (performance.now() - at) / 1000;
+  }
+  const isLate = (tag) => ageOf(tag) > oldest;
+  // Only PV never stands still: a source may send the others when they change, and OP may be in manual. Where PV is late OP is, too.
+  const isLost = (tag) => (tag === "pv" || tag === "op") && isLate(tag) && newest.has("pv") && isLate("pv");
+
+  // A value that is not good says why, and one that is old says how old.
+  function drawValue(tag) {
+    const { value, unit, quality } = newest.get(tag), good = quality === "good";
+    const box = values.querySelector(`[data-tag="${CSS.escape(tag)}"]`);
+    box?.classList.toggle("bad", !good || isLost(tag));
+    box?.lastChild.replaceChildren(reading(tag, value), " ", h("small", null, [unit, good ? "" : quality, isLate(tag) ? ago(ageOf(tag)) : ""].filter(Boolean).join(" ")));
   }
 
-  function drawValues(list) {
+  // The values of an answer to what was asked at a time (ms).
+  function drawValues(list, asked) {
     const name = (tag) => (["op", "pv", "sp", "mv"].includes(tag) ? tag.toUpperCase() : tag);
-    values.replaceChildren(...list.map((v) => drawValue(h("div", { "data-tag": v.tag }, h("dt", null, name(v.tag)), h("dd")), v)));
+    values.replaceChildren(...list.map(({ tag }) => h("div", { "data-tag": tag }, h("dt", null, name(tag)), h("dd"))));
+    const before = new Map(newest);
+    newest.clear();
+    for (const own of list) newest.set(own.tag, latest(own, asked, before.get(own.tag)));
+    for (const tag of newest.keys()) drawValue(tag);
+  }
+
+  // What came since then is newer. We may have heard the same sample when it came.
+  function latest(own, asked, kept) {
+    if (kept?.at > asked) return kept;
+    const at = own.age_s === null ? null : asked - 1000 * own.age_s;
+    return { ...own, at: at !== null && kept?.time === own.time ? Math.max(at, kept.at) : at };
   }
 
   // What drives a loop is taken from measured disturbances alone. Where loops drive each other, the only one whose valve sticks is named.
@@ -156,62 +179,79 @@ export function loopView(main, [id]) {
   }
 
   function drawRuns(runs) {
-    const cells = (run) => [h("td", { class: "time" }, when(run.time)), h("td", null, VERDICTS[run.outcome] ?? words(run.outcome)), h("td", { class: "number" }, run.f === null ? "–" : short(run.f, 3)), h("td", { class: "number" }, short(run.delta_aic, 3))];
+    const cells = (run) => [h("td", { class: "time" }, when(run.time)), h("td", null, VERDICTS[run.outcome] ?? words(run.outcome)), h("td", { class: "number" }, run.f === null ? "–" : `${short(run.f, 3)} ${run.f_unit}`), h("td", { class: "number" }, short(run.delta_aic, 3))];
     boxes.runs.replaceChildren(scroll("Latest diagnoses", h("table", null, h("thead", null, h("tr", null, h("th", { scope: "col" }, "Time"), h("th", { scope: "col" }, "Outcome"), h("th", { scope: "col", class: "number" }, "f"), h("th", { scope: "col", class: "number" }, "Evidence"))), h("tbody", null, runs.slice(0, 12).map((run) => h("tr", null, cells(run)))))));
   }
 
-  async function show() {
-    if (over) return;
-    const mine = (showing = {});
+  // What is under way ends first: changes that come faster than they can be shown hold nothing up.
+  function show() {
+    again = true;
+    return (showing ??= showAll());
+  }
+
+  async function showAll() {
+    while (again && !over) {
+      again = false;
+      await showOnce();
+    }
+    showing = null;
+  }
+
+  async function showOnce() {
     clearTimeout(retry);
+    const asked = performance.now();
     try {
       const detail = await get(loopPath(id)), told = (part) => (detail.verdict ? orNull(get(`${loopPath(id)}/${part}`)) : null);
       const [report, evidence, model, runs, log] = await Promise.all([told("diagnosis"), told("evidence"), told("model"), get(`${loopPath(id)}/diagnoses?limit=2000`), get(`/alarms/history?limit=500&kind=stiction&loop=${encodeURIComponent(id)}`)]);
-      if (over || mine !== showing) return;
-      alarms = log.items;
+      if (over) return;
+      oldest = Math.max(OLD_S, SCANS * (report?.window.ts_s ?? 0));
+      drawValues(detail.values, asked);
+      health(id, boxes.health).then((found) => (indicators.hidden = !found), () => {});
+      // What is the same is not drawn anew: somebody may be looking into a plot.
+      const all = JSON.stringify([detail, report, evidence, model, runs, log], (key, value) => (AGING.has(key) ? undefined : value));
+      if (all === drawn) return;
       head.lastChild.textContent = [detail.description, detail.group].filter(Boolean).join(" · ");
       drawBanner(detail, report, evidence);
-      drawValues(detail.values);
       drawFacts(detail, report);
       drawRuns(runs.items);
       residual.hidden = !report || !evidence || report.verdict === "not_identifiable" && !report.residual.effects.length;
       if (!residual.hidden) drawEffects(report, evidence, model?.origin);
       opinions.hidden = !second.show(report, evidence?.notes);
-      health(id, boxes.health).then((known) => (indicators.hidden = !known), () => {});
       writeback.hidden = !detail.writeback;
       if (detail.writeback) drawWriteback(detail.writeback);
       const measured = detail.values.some((v) => v.tag === "mv");
       for (const key of cards.querySelectorAll(".keys .mv")) key.hidden = !measured;
-      const draw = () => drawEvidence(boxes, { detail, report, evidence, runs: runs.items, alarms });
+      const draw = () => drawEvidence(boxes, { detail, report, evidence, runs: runs.items, alarms: log.items });
       await draw();
+      drawn = all;
       redraw = () => (second.redraw(), draw());
-      if (!endTrend) begin(report);
+      if (!begun) begin(report?.oscillation?.period_s);
     } catch (error) {
-      // A later fetch says how it is by now.
-      if (over || mine !== showing) return;
-      if (again(error)) retry = setTimeout(show, RETRY_MS);
+      if (over) return;
+      drawn = null;
+      if (mayPass(error)) retry = setTimeout(show, AGAIN_MS);
       banner.replaceChildren(h("span", { class: "mark" }), h("div", null, h("strong", null, error.status === 404 ? `There is no loop ${id}.` : "The loop cannot be fetched."), h("p", null, error.message)));
     }
   }
 
   function drawNewest(tags) {
-    for (const { tag, unit, value, quality } of tags) {
-      const box = values.querySelector(`[data-tag="${CSS.escape(tag)}"]`);
-      if (box && value.length) drawValue(box, { tag, unit, value: value.at(-1), quality: quality.at(-1) });
+    for (const { tag, unit, time, value, quality } of tags) {
+      if (!newest.has(tag) || !time.length) continue;
+      newest.set(tag, { unit, time: time.at(-1), value: value.at(-1), quality: quality.at(-1), at: performance.now() });
+      drawValue(tag);
     }
   }
 
   // Once a visit; where it fails, again after a while. What is said of the valve does not wait for it.
-  async function begin(report) {
-    endTrend = () => {};
+  async function begin(period) {
+    begun = true;
     try {
-      const end = await trend(boxes.trend, id, report?.oscillation?.period_s, drawNewest);
+      const end = await trend(boxes.trend, id, period, drawNewest);
       if (over) end();
       else endTrend = end;
     } catch (error) {
-      endTrend = null;
       boxes.trend.replaceChildren(h("p", { class: "note" }, `The trends cannot be fetched: ${error.message}`));
-      setTimeout(() => over || endTrend || begin(report), RETRY_MS);
+      setTimeout(() => over || begin(period), AGAIN_MS);
     }
   }
 
@@ -221,12 +261,13 @@ export function loopView(main, [id]) {
   const recoloured = () => redraw();
   addEventListener("resize", resized);
   addEventListener("recolour", recoloured);
-  const end = listen((name, data) => ["diagnosis", "alarm", "writeback"].includes(name) && data.loop === id && show());
-  const timer = setInterval(grow, AGE_MS);
+  // Each change of the loop, and all of them where nobody knows what was missed.
+  const end = listen((name, data) => name === "loops" && (data === null ? known.complete : data.has(id)) && show());
+  const endAges = often(grow, AGE_MS);
   show();
   return () => {
     over = true;
-    clearInterval(timer);
+    endAges();
     clearTimeout(retry);
     end();
     endTrend?.();

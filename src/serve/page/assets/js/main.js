@@ -1,11 +1,12 @@
 // The shell: routes, theme, the bar on top. Data only ever becomes text.
 
-import { all, get } from "./api.js";
+import { AGAIN_MS, all, get, often } from "./api.js";
 import { byId, memory, toast } from "./dom.js";
 import { ago, when } from "./format.js";
-import { begin, listen, state } from "./live.js";
+import { answered, begin, listen, noted, state } from "./live.js";
 import { plantView } from "./plant.js";
 import { logOut, may, session, whoAmI } from "./session.js";
+import { isUp, upWords } from "./states.js";
 import { watchStore } from "./store.js";
 
 const VIEWS = {
@@ -37,8 +38,9 @@ async function route() {
   const [name, ...parts] = path.split("/").map(decoded);
   const mine = ++shown;
   // Who may not read is asked for a name, and comes where they wanted to go.
-  const view = await (may("viewer") ? (VIEWS[name] ?? VIEWS[""]) : VIEWS.login)();
+  const view = await (may("viewer") ? (VIEWS[name] ?? VIEWS[""]) : VIEWS.login)().catch(() => null);
   if (mine !== shown) return;
+  if (!view) return fetchAgain(mine);
   leave?.();
   const main = byId("main");
   main.replaceChildren();
@@ -54,6 +56,15 @@ async function route() {
     if (!main.contains(document.activeElement)) main.focus({ preventScroll: true });
   }
   first = false;
+}
+
+// A part of the page that did not come. Some browsers remember that, so the page is fetched whole once the daemon answers.
+async function fetchAgain(mine) {
+  while (mine === shown) {
+    toast("this part of the page cannot be fetched; trying again", true);
+    await new Promise((done) => setTimeout(done, AGAIN_MS));
+    if (mine === shown && (await get("/session").catch(() => null))) return location.reload();
+  }
 }
 
 const THEMES = { auto: "◐ auto", light: "○ light", dark: "● dark" };
@@ -85,10 +96,10 @@ const recount = (milliseconds) => (counting ??= setTimeout(count, milliseconds))
 async function count() {
   counting = null;
   try {
-    const { total } = await get("/alarms?state=unacknowledged&limit=1"), badge = byId("alarm-count");
+    const { to_acknowledge: total } = await get("/alarms?limit=1"), badge = byId("alarm-count");
     badge.hidden = total === 0;
     badge.textContent = String(total);
-    badge.title = `${total} unacknowledged`;
+    badge.title = `${total} not acknowledged`;
   } catch {
     recount(5000);
   }
@@ -106,20 +117,28 @@ function bar(name, data) {
   if (name === "alarm" || (name === "loops" && data === null)) recount(400);
 }
 
+// The shell asks so often (ms), and then knows whether the daemon still answers: a stream is silent also where the host is gone.
+const WATCH_MS = 5000, PATIENCE_MS = 10000;
+
 async function collectors() {
+  const pill = byId("collectors"), asked = performance.now();
   try {
-    const { items, time } = await all("/collectors");
-    state.time = Date.parse(time);
-    state.timeAt = performance.now();
-    const up = items.filter((item) => item.connected).length, pill = byId("collectors");
+    const { items, time } = await all("/collectors", { patience: PATIENCE_MS });
+    noted(time);
+    answered(true, asked);
+    const up = items.filter(isUp).length;
     pill.textContent = `collectors ${up}/${items.length}`;
     pill.classList.toggle("bad", up < items.length);
-    pill.title = items.map((item) => `${item.name}: ${item.connected ? "connected" : "no connection"}, last good sample ${ago(item.age_s)}`).join("\n");
+    pill.title = items.map((item) => `${item.name}: ${upWords(item)}, last good sample ${ago(item.age_s)}`).join("\n");
     const stamp = byId("clock");
     stamp.textContent = when(time);
     stamp.dateTime = time;
-  } catch {
-    byId("collectors").classList.add("bad");
+  } catch (error) {
+    // A daemon that is busy says so.
+    if (error.told === false) answered(false, asked);
+    pill.textContent = "collectors ?";
+    pill.classList.add("bad");
+    pill.title = `they cannot be asked: ${error.message}`;
   }
 }
 
@@ -169,7 +188,6 @@ route();
 inFleet();
 if (may("viewer")) {
   begin();
-  collectors();
-  setInterval(collectors, 5000);
+  often(collectors, WATCH_MS);
   watchStore();
 }

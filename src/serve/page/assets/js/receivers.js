@@ -1,6 +1,6 @@
 // Those who are told of alarms: how each of them is, and what never reached them. Dead letters are for who may send them again.
 
-import { get, orNull, post, receiverPath } from "./api.js";
+import { get, often, orNull, post, receiverPath } from "./api.js";
 import { h, scroll, toast } from "./dom.js";
 import { when } from "./format.js";
 import { may } from "./session.js";
@@ -104,10 +104,9 @@ export function receivers(main, told) {
     }
   }
 
-  show();
-  const timer = setInterval(show, 3000);
+  const end = often(show, 3000);
   return () => {
     over = true;
-    clearInterval(timer);
+    end();
   };
 }

@@ -1,9 +1,9 @@
 // The daemon: what it is, how it is, where its data comes from, and what it was told. Read-only.
 
-import { all, get } from "./api.js";
+import { all, get, often } from "./api.js";
 import { h, scroll } from "./dom.js";
 import { ago, bytes, lasting, short, when } from "./format.js";
-import { words } from "./states.js";
+import { isUp, upWords, words } from "./states.js";
 
 export function settingsView(main) {
   let over = false;
@@ -16,7 +16,7 @@ export function settingsView(main) {
   function drawDevices(items) {
     const names = [...new Set(items.flatMap((item) => Object.keys(item.counters)))];
     const head = h("tr", null, ["Device", "Connection", "Last good sample"].map((text) => h("th", { scope: "col" }, text)), names.map((name) => h("th", { scope: "col", class: "number" }, words(name))));
-    const row = (item) => h("tr", null, h("td", null, item.name), h("td", null, h("span", { class: item.connected ? "pill good" : "pill bad" }, item.connected ? "connected" : "no connection")), h("td", { class: "time", title: when(item.last_good) }, ago(item.age_s)), names.map((name) => h("td", { class: "number" }, String(item.counters[name] ?? "–"))));
+    const row = (item) => h("tr", null, h("td", null, item.name), h("td", null, h("span", { class: isUp(item) ? "pill good" : "pill bad" }, upWords(item))), h("td", { class: "time", title: when(item.last_good) }, ago(item.age_s)), names.map((name) => h("td", { class: "number" }, String(item.counters[name] ?? "–"))));
     devices.replaceChildren(h("table", null, h("thead", null, head), h("tbody", null, items.map(row))));
   }
 
@@ -36,10 +36,9 @@ export function settingsView(main) {
     }
   }
 
-  show();
-  const timer = setInterval(show, 3000);
+  const end = often(show, 3000);
   return () => {
     over = true;
-    clearInterval(timer);
+    end();
   };
 }

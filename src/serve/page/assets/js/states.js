@@ -4,8 +4,8 @@ export const VERDICTS = { stiction: "sticks", no_stiction: "no sticking", not_id
 
 // Why nothing can be told of a valve, short enough for a tile. The plant's report has the same words, and a test compares them.
 const REASONS = {
-  too_short: "too little data", no_time_base: "no time base", gaps: "data missing", read_apart: "OP and PV read apart", ts_too_short: "ts_s too short", flat_op: "OP stands still", flat_pv: "PV stands still",
-  saturated: "OP at a limit", manual: "not in automatic", not_excited: "OP hardly reverses", hidden_friction: "sticking would not show", undersampled: "sampled too slowly",
+  too_short: "too little data", no_time_base: "no time base", gaps: "data missing", silent: "the source is silent", read_apart: "OP and PV read apart", ts_too_short: "ts_s too short", flat_op: "OP stands still", flat_pv: "PV stands still",
+  saturated: "OP at a limit", manual: "not in automatic", mode_unknown: "mode not readable", not_excited: "OP hardly reverses", hidden_friction: "sticking would not show", undersampled: "sampled too slowly",
   no_response: "PV hidden by loads", stem_not_followed: "sticks, or load jumps", compensated: "write-back hides it", out_of_scale: "values out of scale", deadline_exceeded: "took too long",
 };
 
@@ -40,6 +40,13 @@ export function kindOf(item) {
   return KIND.get(BY_VERDICT[item.verdict] ?? "waiting");
 }
 
+/** What the API is to be asked for to find the loops of a kind, each beside the others; of no kind in particular, once for nothing. */
+export function filtersOf(key) {
+  const named = (map, filter) => Object.entries(map).filter(([, own]) => own === key).map(([name]) => filter(name));
+  const found = [...named(BY_ALARM, (alarm) => ({ alarm })), ...named({ ...BY_VERDICT, none: "waiting" }, (verdict) => ({ alarm: "normal", verdict }))];
+  return found.length ? found : [{}];
+}
+
 export const kind = (key) => KIND.get(key);
 
 /** A name from the API as words. */
@@ -57,3 +64,7 @@ export const mayReset = (state) => state === "latched-acknowledged";
 export const mayShelve = (state) => !["normal", "out-of-service"].includes(state);
 export const isOut = (state) => state === "out-of-service";
 export const isShelved = (state) => state === "shelved";
+
+/** Whether a collector brings samples: a connection may be open to a device that says nothing. */
+export const isUp = ({ connected, down }) => connected && !down;
+export const upWords = ({ connected, down }) => (!connected ? "no connection" : down ? "no good sample" : "connected");

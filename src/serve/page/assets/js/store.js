@@ -1,6 +1,6 @@
 // Whether what is measured is kept, and what is changed is put on record. What fails stands above every view, with why and what to do, until it works.
 
-import { get } from "./api.js";
+import { get, often } from "./api.js";
 import { byId, h } from "./dom.js";
 import { when } from "./format.js";
 
@@ -50,6 +50,5 @@ export function watchStore() {
   const store = banner("store", ofStore), record = banner("record", ofAudit);
   // While nobody answers, what was said last stands.
   const look = () => get("/healthz").then((health) => { store(health.store); record(health.audit); }, () => {});
-  look();
-  setInterval(look, EVERY_MS);
+  often(look, EVERY_MS);
 }

@@ -1,7 +1,7 @@
 // Plots of one thing over another as SVG: sharp on every screen and on paper, and made of elements and text only.
 
 import { s } from "./dom.js";
-import { clock, short } from "./format.js";
+import { short, ticked } from "./format.js";
 
 const LEFT = 56, RIGHT = 14, TOP = 12, BOTTOM = 40;
 
@@ -30,8 +30,8 @@ function timeTicks(low, high, count) {
   const raw = (high - low) / count / 1000, step = 1000 * (STEPS.find((seconds) => seconds >= raw) ?? Math.ceil(raw / 86400) * 86400);
   const zone = new Date(low).getTimezoneOffset() * 60000, found = [];
   for (let t = Math.ceil((low - zone) / step) * step + zone; t <= high; t += step) found.push(t);
-  const text = (t) => (step >= 864e5 ? new Date(t).toLocaleDateString("sv-SE").slice(5) : clock(t).slice(0, step >= 60000 ? 5 : 8));
-  return found.map((t) => [t, text(t)]);
+  const text = ([time, date]) => (date && (step >= 864e5 || time === "00:00:00") ? date : `${date} ${time.slice(0, step >= 60000 ? 5 : 8)}`.trim());
+  return ticked(found).map((own, i) => [found[i], text(own)]);
 }
 
 function range(values, air) {

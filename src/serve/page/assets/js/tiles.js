@@ -1,7 +1,8 @@
 // One loop as a tile. Tiles live as long as their loops; a refresh changes what changed.
 
 import { h } from "./dom.js";
-import { friction, frictionNamed, short, when } from "./format.js";
+import { ago, friction, frictionNamed, short, when } from "./format.js";
+import { isOld, since } from "./live.js";
 import { kindOf, whyNot, words } from "./states.js";
 
 // The bar in a tile is full at this f (% OP): more is as bad. In other units nobody knows what is bad, and there is none.
@@ -30,17 +31,19 @@ function valueOf(item) {
 export function tileOf(item) {
   let tile = made.get(item.id);
   if (!tile) made.set(item.id, (tile = make(item.id)));
-  if (tile.item === item) return tile.link;
-  tile.item = item;
+  const old = isOld(item), age = old ? ago(since(item.time)) : null;
+  if (tile.item === item && tile.age === age) return tile.link;
+  Object.assign(tile, { item, age });
   const kind = kindOf(item), sticks = item.verdict === "stiction" && item.f !== null;
   tile.link.dataset.kind = kind.key;
-  tile.tag.textContent = item.failure ? `${kind.short} run failed` : kind.short;
+  tile.link.toggleAttribute("data-old", old);
+  tile.tag.textContent = [kind.short, item.failure && "run failed", old && "OLD"].filter(Boolean).join(" ");
   tile.text.textContent = item.description || item.group;
   tile.value.textContent = valueOf(item);
   tile.bar.style.width = sticks && item.f_unit === PERCENT ? `${Math.min(100, (100 * item.f) / FULL)}%` : "0";
-  const lines = [`${item.id}: ${kind.label}`, item.description, item.group, item.words, item.verdict && item.verdict !== "not_identifiable" && frictionNamed(item), item.doubtful && "other methods contradict this", item.failure && `latest run: ${words(item.failure)}`, item.time && `diagnosed ${when(item.time)}`];
+  const lines = [`${item.id}: ${kind.label}`, item.description, item.group, item.words, item.verdict && item.verdict !== "not_identifiable" && frictionNamed(item), item.doubtful && "other methods contradict this", item.failure && `latest run: ${words(item.failure)}`, item.time && `diagnosed ${when(item.time)}`, old && `that is ${age}: it should have been diagnosed again`];
   tile.link.title = lines.filter(Boolean).join("\n");
-  tile.link.setAttribute("aria-label", [item.id, kind.label, sticks && `f ${friction(item)}`, item.description, item.group].filter(Boolean).join(", "));
+  tile.link.setAttribute("aria-label", [item.id, kind.label, sticks && `f ${friction(item)}`, old && "old", item.description, item.group].filter(Boolean).join(", "));
   return tile.link;
 }
 

@@ -1,7 +1,7 @@
 // The work list: what to do, source before victims, and what became of it.
 
 import { workAct } from "./actions.js";
-import { get, href } from "./api.js";
+import { get, href, often } from "./api.js";
 import { h, scroll } from "./dom.js";
 import { percent, short, when } from "./format.js";
 import { loops } from "./live.js";
@@ -43,7 +43,7 @@ export function workView(main, _parts, query) {
       const name = `${VERBS[action]} ${item.id}`;
       return h("button", { type: "button", "data-act": name, "aria-label": name, on: { click: async () => (await workAct(item.id, action)) && show() } }, VERBS[action]);
     };
-    const sure = item.cause && item.cause !== "unknown" ? h("small", null, ` ${percent(item.probability)}`) : null;
+    const sure = item.probability !== null ? h("small", null, ` ${percent(item.probability)}`) : null;
     return h("tr", { "data-kind": MARKS[item.state] ?? "other", "data-id": item.id },
       h("td", null, h("span", { class: "mark" }), link(item.id), " ", h("small", null, loops.get(item.id)?.description ?? "")),
       h("td", null, item.state, h("small", null, ` since ${when(item.since)}`), item.reopened ? h("small", null, `, ${item.reopened} ${item.reopened === 1 ? "repair" : "repairs"} did not help`) : null),
@@ -75,10 +75,9 @@ export function workView(main, _parts, query) {
     }
   }
 
-  show();
-  const timer = setInterval(show, 15000);
+  const end = often(show, 15000);
   return () => {
     over = true;
-    clearInterval(timer);
+    end();
   };
 }
