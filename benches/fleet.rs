@@ -137,6 +137,7 @@ fn packed(id: &str, samples: &[Vec<Sample>; 3]) -> Outgoing {
     let message = Samples {
         tags: TAGS.iter().zip(samples).map(|(tag, samples)| block(tag, &source(tag), samples)).collect(),
         places: TAGS.iter().zip(samples).map(place).collect(),
+        edge: "edge-north".to_string(),
     };
     Outgoing::once(Subject::new("north", id, What::Samples).to_string(), message.encode_to_vec())
 }

@@ -110,8 +110,10 @@ fn summary(config: &Config, plant: &Plant) -> (String, Vec<String>) {
         );
     }
     let samples = config.history.samples_per_tag;
-    let [least, most] =
-        [Ring::bytes(samples), Ring::wide_bytes(samples)].map(|bytes| (tags * bytes) as f64 / 1e6);
+    let rings =
+        || plant.loops.iter().flat_map(|own| &own.tags).map(|tag| config.history.samples_of(&tag.kind));
+    let [least, most] = [Ring::bytes as fn(usize) -> usize, Ring::wide_bytes]
+        .map(|bytes| rings().map(bytes).sum::<usize>() as f64 / 1e6);
     let _ = writeln!(
         out,
         "memory   {least:.1} MB for {tags} tags, {samples} samples each; {most:.1} MB if their values are not 32-bit floats"

@@ -219,19 +219,6 @@ fn escaped(name: &str) -> String {
     out
 }
 
-/// A kind as a person reads it.
-pub(super) fn words(kind: Kind) -> &'static str {
-    match kind {
-        Kind::Stiction => "the valve sticks",
-        Kind::FRising => "friction rises",
-        Kind::NotIdentifiable => "cannot be judged",
-        Kind::TagBad => "a tag is bad",
-        Kind::CollectorDown => "the collector is down",
-        Kind::CompensationTripped => "write-back was closed by a fault",
-        Kind::UnexplainedResidual => "much is unexplained",
-    }
-}
-
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;

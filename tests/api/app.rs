@@ -1,7 +1,7 @@
 //! The whole daemon in one process: a Modbus server, collectors, history, scheduler, alarms, API; and reloads.
 
 use crate::http::{Events, get};
-use crate::rig::verdict_of;
+use crate::rig::sticky_at_ten;
 use std::collections::HashMap;
 use std::future;
 use std::net::SocketAddr;
@@ -9,7 +9,6 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use stictiond::app::{App, AppError};
 use stictiond::config::{self, Config};
-use stictiond::diagnosis::Verdict;
 use stictiond::schedule::Clock;
 use stictiond::serve;
 use tokio::net::TcpListener;
@@ -94,11 +93,7 @@ pub async fn start(config: Config) -> Daemon {
 
 /// The same with a clock of the test's.
 pub async fn start_at(config: Config, clock: Clock) -> Daemon {
-    let diagnose =
-        Arc::new(|record: &stictiond::signal::Record, _: &_, _: Option<&_>| match record.op.last() {
-            Some(sample) if sample.value == 10.0 => verdict_of(Verdict::Stiction, 2.5, 446.0).into(),
-            _ => verdict_of(Verdict::NoStiction, 0.0, -2.0).into(),
-        });
+    let diagnose = Arc::new(|record: &stictiond::signal::Record, _: &_, _: Option<&_>| sticky_at_ten(record));
     let app = Arc::new(App::build(config, clock, diagnose).expect("a sound configuration"));
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
     let address = listener.local_addr().expect("bound");

@@ -2,7 +2,7 @@
 
 use crate::app::{Daemon, config, device, heard};
 use crate::http::{Events, get, post, send};
-use crate::rig::{START, verdict_of};
+use crate::rig::{START, sticky_at_ten, verdict_of};
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::sync::{Arc, Condvar, Mutex};
@@ -78,11 +78,8 @@ async fn until(events: &mut Events, phase: &str) {
     }
 }
 
-fn sticky_at_ten() -> Diagnose {
-    Arc::new(|record: &Record, _: &_, _: Option<&_>| match record.op.last() {
-        Some(sample) if sample.value == 10.0 => verdict_of(Verdict::Stiction, 2.5, 446.0).into(),
-        _ => verdict_of(Verdict::NoStiction, 0.0, -2.0).into(),
-    })
+fn sticky() -> Diagnose {
+    Arc::new(|record: &Record, _: &_, _: Option<&_>| sticky_at_ten(record))
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -91,7 +88,7 @@ async fn the_past_is_diagnosed_window_by_window_and_says_when_it_began() {
     filled(&folder);
     let mut own = config(&[address], &[("A", 0, 20)]);
     own.store = Some(store::Config::new(&folder));
-    let daemon = start(own, Clock::plant(START, 20.0), sticky_at_ten()).await;
+    let daemon = start(own, Clock::plant(START, 20.0), sticky()).await;
     assert_eq!(get(daemon.address, BACKFILL).await.status, 404, "none since the start");
     let from = START - 86_400.0;
     let refused = [
@@ -169,7 +166,7 @@ async fn one_at_a_time_and_it_ends_when_it_is_told_to() {
 async fn without_a_store_there_is_no_past() {
     let (address, _) = device().await;
     let own = config(&[address], &[("A", 0, 10)]);
-    let daemon = start(own, Clock::plant(START, 20.0), sticky_at_ten()).await;
+    let daemon = start(own, Clock::plant(START, 20.0), sticky()).await;
     let body = format!("{{\"loop\":\"A\",\"from\":\"{}\"}}", START - 86_400.0);
     let refused = post(daemon.address, BACKFILL, &body).await;
     assert_eq!((refused.status, refused.text().contains("[store]")), (409, true));
@@ -240,7 +237,7 @@ async fn what_a_server_kept_is_read_into_the_store_and_diagnosed() {
     std::fs::write(&file, plant(server.port, "")).expect("writable");
     let mut own = stictiond::config::load(&file).expect("sound");
     own.store = Some(store::Config::new(folder.join("store")));
-    let daemon = start(own, Clock::wall(), sticky_at_ten()).await;
+    let daemon = start(own, Clock::wall(), sticky()).await;
     let mut events = Events::open(daemon.address).await;
     let (from, to) = ((wall() - 60.0).floor(), (wall() - 40.0).floor());
     let body = format!(
@@ -293,7 +290,7 @@ async fn at_its_start_the_daemon_reads_back_to_what_it_has() {
     let mut begun = f64::NAN;
     let mut newest = f64::NEG_INFINITY;
     for _ in 0..2 {
-        let daemon = start(own.clone(), Clock::wall(), sticky_at_ten()).await;
+        let daemon = start(own.clone(), Clock::wall(), sticky()).await;
         begun = begun.min(wall());
         let came = Instant::now();
         loop {
@@ -346,7 +343,7 @@ async fn a_table_is_diagnosed_in_place_of_the_store() {
     std::os::unix::fs::symlink("/etc/hostname", folder.join("link.csv")).expect("writable");
     let mut own = config(&[address], &[("A", 0, 20)]);
     own.tables.folder = Some(folder.clone());
-    let daemon = start(own, Clock::plant(START, 20.0), sticky_at_ten()).await;
+    let daemon = start(own, Clock::plant(START, 20.0), sticky()).await;
     for (file, table, said) in [
         ("../week.csv", "{}", "is no name of a file in the folder"),
         ("/etc/hostname", "{}", "is no name of a file in the folder"),
@@ -387,7 +384,7 @@ async fn a_file_whose_op_is_not_in_the_configured_unit_fails_with_what_contradic
     std::fs::create_dir_all(&folder).expect("writable");
     let mut own = config(&[address], &[("A", 0, 20)]);
     own.tables.folder = Some(folder.clone());
-    let daemon = start(own, Clock::plant(START, 20.0), sticky_at_ten()).await;
+    let daemon = start(own, Clock::plant(START, 20.0), sticky()).await;
     let mut events = Events::open(daemon.address).await;
     for (name, header, scale, offset, said) in [
         (

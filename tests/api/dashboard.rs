@@ -7,10 +7,10 @@ use serde_json::Value;
 use std::sync::Arc;
 use stictiond::diagnosis::Verdict;
 use stictiond::diagnosis::packed::Packed;
-use stictiond::results::{Judged, Residuals};
+use stictiond::results::{DeviceSeen, Judged, Residuals};
 use stictiond::schedule::Diagnose;
 use stictiond::serve;
-use stictiond::signal::{Sample, Window};
+use stictiond::signal::{LoopId, Sample, Window};
 
 /// A verdict with everything that a picture is made of: OP swings by ± 5, the stem stands on each reversal until OP came
 /// back by 2f = 5, PV follows the stem at twice its size.
@@ -206,10 +206,22 @@ async fn the_daemon_says_what_it_is_and_where_its_data_comes_from() {
     assert_eq!((system["loops"].as_u64(), system["tags"].as_u64()), (Some(4), Some(12)));
     assert!(system["memory_bytes"].as_u64().is_some_and(|bytes| bytes > 1_000_000), "{system}");
     assert_eq!(system["scheduler"]["diagnosed"], 1);
+    assert_eq!(system["max_shelve_s"], 604_800.0);
     let collectors = rig.json("/api/v1/collectors").await;
     let device = &collectors["items"][0];
     assert_eq!((device["name"].as_str(), device["connected"].as_bool()), (Some("dcs1"), Some(true)));
     assert_eq!(device["counters"]["polls"], 7);
+    assert_eq!(device["down"], false);
+    // A connection may be open to a device that says nothing: its alarm counts.
+    let name = LoopId::new("dcs1");
+    rig.results.watch_devices(std::slice::from_ref(&name), START);
+    let down = async |why: Option<&str>| {
+        let seen = DeviceSeen { name: name.clone(), down: Some(why.map(str::to_string)) };
+        rig.results.watch(vec![seen], Vec::new(), START);
+        rig.json("/api/v1/collectors").await["items"][0]["down"].clone()
+    };
+    assert_eq!(down(Some("no good sample for 130 s")).await, true);
+    assert_eq!(down(None).await, false);
 }
 
 #[tokio::test]

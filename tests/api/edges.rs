@@ -4,10 +4,8 @@ use crate::http::{Events, get, post, send};
 use crate::rig::{FOUR, assert_problem, judge, rig, start};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
-use stictiond::alarm;
 use stictiond::schedule::Diagnose;
 use stictiond::serve;
-use stictiond::signal::LoopId;
 
 #[tokio::test]
 async fn every_error_is_a_problem() {
@@ -201,8 +199,7 @@ async fn a_client_that_lags_is_told_how_much_it_lost() {
     let mut events = Events::open(rig.address).await;
     assert_eq!(events.next().await.expect("open").0, "hello");
     // No await in between: the only thread of this runtime cannot serve the stream meanwhile.
-    let ids: Vec<LoopId> = FOUR.iter().map(|(id, _)| LoopId::new(*id)).collect();
-    (0..3000).for_each(|_| rig.results.reload(&ids, &alarm::Config::default(), 0.0));
+    (0..3000).for_each(|_| rig.results.tell_reload());
     let (name, data) = events.next().await.expect("news");
     assert_eq!(name, "lagged");
     assert!(data["lost"].as_u64().is_some_and(|lost| (1000..3000).contains(&lost)), "{data}");

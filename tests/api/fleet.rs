@@ -186,12 +186,19 @@ async fn pages_visit_each_of_10_000_loops_once_and_in_order() {
 async fn search_and_the_way_down_find_exactly_the_loops_that_are_meant() {
     let loops = loops();
     let to = serve(&loops).await;
-    for needle in
-        ["FIC-047", "s07:fic-0", "to column 17", "/?&=+%41 \"ü", "<B>a/b & \"C\" Ü", "w+1", "nowhere"]
-    {
+    for needle in [
+        "FIC-047",
+        "s07:fic-0",
+        "to column 17",
+        "S03 / u17",
+        "/?&=+%41 \"ü",
+        "<B>a/b & \"C\" Ü",
+        "w+1",
+        "nowhere",
+    ] {
         let lower = needle.to_lowercase();
         let holds = |text: &str| text.to_lowercase().contains(&lower);
-        let meant = loops.iter().filter(|own| holds(&own.id) || holds(&own.description));
+        let meant = loops.iter().filter(|own| holds(&own.id) || holds(&own.description) || holds(&own.group));
         let meant: BTreeSet<&str> = meant.map(|own| own.id.as_str()).collect();
         let found = pages(to, &format!("q={}", encoded(needle)), PAGE).await;
         let found: BTreeSet<&str> = found.iter().map(|own| text(&own["id"])).collect();

@@ -1,10 +1,9 @@
 //! What a client that asks often relies on: pages of every list, validators, and streams that go on where they broke off.
 
-use crate::http::{Events, get, send};
-use crate::rig::{FOUR, Rig, assert_problem, rig};
+use crate::http::{Events, get, post, send};
+use crate::rig::{FOUR, Rig, START, assert_problem, rig};
 use serde_json::Value;
-use stictiond::alarm;
-use stictiond::results::MOST_EVENTS;
+use stictiond::results::{DeviceSeen, MOST_EVENTS};
 use stictiond::signal::LoopId;
 
 /// All entries of a list by pages of `limit`, named by `key`.
@@ -57,6 +56,32 @@ async fn pages_of_alarms_runs_and_devices_join_to_the_whole_list() {
     }
     let cursor = assert_problem(&get(rig.address, "/api/v1/loops/L03/diagnoses?after=soon").await, 400);
     assert_eq!(cursor["field"], "after");
+}
+
+#[tokio::test]
+async fn all_that_waits_to_be_acknowledged_is_counted() {
+    let rig = rig(&FOUR).await;
+    let counted = async |filter: &str| {
+        let list = rig.json(&format!("/api/v1/alarms?limit=1{filter}")).await;
+        (list["to_acknowledge"].as_u64(), list["total"].as_u64())
+    };
+    assert_eq!(counted("").await, (Some(0), Some(0)));
+    rig.diagnose("FIC1").await;
+    rig.diagnose("FIC1").await;
+    // That of a collector, whose condition has gone before anybody saw it.
+    let name = LoopId::new("dcs1");
+    rig.results.watch_devices(std::slice::from_ref(&name), START);
+    for down in [Some("no good sample for 130 s".to_string()), None] {
+        rig.results.watch(vec![DeviceSeen { name: name.clone(), down: Some(down) }], Vec::new(), START);
+    }
+    assert_eq!(counted("").await, (Some(2), Some(2)));
+    assert_eq!(counted("&state=unacknowledged").await, (Some(2), Some(1)), "whatever the filter");
+    let report = get(rig.address, "/api/v1/report.html").await.text();
+    assert!(report.contains("<dt>alarms not acknowledged</dt><dd>2</dd>"), "{report}");
+    for (alarm, left) in [("dcs1/collector_down", 1), ("FIC1", 0)] {
+        assert_eq!(post(rig.address, &format!("/api/v1/alarms/{alarm}/ack"), "").await.status, 200);
+        assert_eq!(counted("").await.0, Some(left), "{alarm}");
+    }
 }
 
 #[tokio::test]
@@ -140,8 +165,7 @@ async fn who_was_away_too_long_is_told_to_begin_anew() {
     assert_eq!(first.next().await.expect("open").0, "hello");
     let heard = first.id().to_string();
     drop(first);
-    let ids: Vec<LoopId> = FOUR.iter().map(|(id, _)| LoopId::new(*id)).collect();
-    let reload = || rig.results.reload(&ids, &alarm::Config::default(), 0.0);
+    let reload = || rig.results.tell_reload();
     (0..MOST_EVENTS).for_each(|_| reload());
     let mut just = Events::resume(rig.address, &heard).await;
     assert_eq!(just.next().await.expect("open").1["resumed"], true, "as many as are remembered");

@@ -32,6 +32,8 @@ async fn loops_are_listed_worst_first_with_what_is_known() {
     assert_eq!(Rig::ids(&rig.json("/api/v1/loops?alarm=unacknowledged").await), ["FIC1"]);
     assert_eq!(Rig::ids(&rig.json("/api/v1/loops?group=unit%201&sort=id").await), ["LIC2", "TIC4"]);
     assert_eq!(Rig::ids(&rig.json("/api/v1/loops?q=SOUND").await), ["LIC2"]);
+    assert_eq!(Rig::ids(&rig.json("/api/v1/loops?q=Unit%201&sort=id").await), ["LIC2", "TIC4"]);
+    assert_eq!(list["items"][0]["period_s"], 1e6);
     assert_eq!(Rig::ids(&rig.json("/api/v1/loops?sort=f&order=asc").await)[3], "FIC1");
     assert_eq!(Rig::ids(&rig.json("/api/v1/loops?sort=id&order=desc").await)[0], "TIC4");
     assert_eq!(Rig::ids(&rig.json("/api/v1/loops?sort=age").await)[3], "TIC4");
@@ -84,6 +86,15 @@ async fn one_loop_its_diagnosis_its_runs_and_its_model() {
     assert_eq!((op["time"].as_str(), op["quality"].as_str()), (Some("2026-01-01T00:00:01Z"), Some("good")));
     assert_eq!((&pv["value"], pv["quality"].as_str()), (&Value::Null, Some("bad:timeout")));
     assert_eq!(detail["values"][2]["quality"], "none");
+    // Of OP a sample came 300 s ago from a source that is a year behind.
+    let (t, ring) = (START - 3e7, rig.history.ring(0).expect("OP"));
+    ring.push(Sample::good(t, 43.0));
+    ring.heard().sample(t, -300.0);
+    let values = rig.json("/api/v1/loops/FIC1").await["values"].clone();
+    let age = |at: usize| values[at]["age_s"].as_f64();
+    assert!(age(0).is_some_and(|age_s| (300.0..400.0).contains(&age_s)), "{values}");
+    assert!(age(1).is_some_and(|age_s| age_s < 100.0), "{values}");
+    assert_eq!((values[0]["value"].as_f64(), age(2)), (Some(43.0), None));
     let report = rig.json("/api/v1/loops/FIC1/diagnosis").await;
     assert_eq!((report["loop"].as_str(), report["verdict"].as_str()), (Some("FIC1"), Some("stiction")));
     assert_eq!(report["f_ci95"][0].as_f64().map(|f| (f * 100.0).round()), Some(244.0));
@@ -132,6 +143,10 @@ async fn samples_are_cut_by_time_and_thinned_so_that_peaks_and_gaps_survive() {
     assert_eq!(column("time")[gap], "2026-01-01T00:50:00Z");
     let few = rig.json("/api/v1/loops/FIC1/samples?from=2026-01-01T00:00:10Z&to=1767225612").await;
     assert_eq!(few["tags"][0]["time"].as_array().map(Vec::len), Some(3));
+    let before = serde_json::json!({ "time": "2026-01-01T00:00:09Z", "value": 50.0, "quality": "good" });
+    assert_eq!((&few["tags"][0]["before"], &few["tags"][0]["by_changes"]), (&before, &Value::Bool(false)));
+    assert_eq!((&op["before"], &few["tags"][1]["before"]), (&Value::Null, &Value::Null), "there is none");
+    assert_eq!(few["tags"][1]["by_changes"], true, "nothing was repeated");
     for (query, field) in [
         ("points=2", "points"),
         ("points=many", "points"),

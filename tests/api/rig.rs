@@ -75,6 +75,19 @@ pub fn judge(record: &Record) -> Judged {
     diagnosis.into()
 }
 
+/// Judges by the last OP: sticky at 10. It fits up to there, so what comes later is new.
+pub fn sticky_at_ten(record: &Record) -> Judged {
+    let last = record.op.last();
+    let sticks = last.is_some_and(|sample| sample.value == 10.0);
+    let (verdict, f, delta_aic) =
+        if sticks { (Verdict::Stiction, 2.5, 446.0) } else { (Verdict::NoStiction, 0.0, -2.0) };
+    let mut diagnosis = verdict_of(verdict, f, delta_aic);
+    if let Some(last) = last {
+        (diagnosis.preparation.start, diagnosis.preparation.end) = (last.t - 999.0, last.t);
+    }
+    diagnosis.into()
+}
+
 pub struct Rig {
     pub address: SocketAddr,
     pub history: Arc<History>,
@@ -110,6 +123,7 @@ pub async fn start(loops: &[(&str, &str)], config: serve::Config, diagnose: Diag
     let plan = Plan {
         jobs: ids.iter().map(|id| Job { id: id.clone(), period_s: 1e6 }).collect(),
         snapshot: Arc::new(move |id| records.snapshot(id)),
+        silence: Arc::new(|_, _, _| None),
         settings: Settings::default(),
         follows: false,
         searched: Default::default(),

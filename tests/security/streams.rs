@@ -6,7 +6,7 @@ use std::time::Duration;
 use stictiond::access::{Role, Roles};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
-use tokio::time::{Instant, timeout};
+use tokio::time::{Instant, interval, timeout};
 
 /// What is promised.
 const PROMISED: Duration = Duration::from_secs(2);
@@ -22,6 +22,20 @@ async fn opened(daemon: &Daemon, what: &str, line: &str) -> TcpStream {
         assert!(read.expect("open") > 0, "{what}: {}", String::from_utf8_lossy(&seen));
     }
     stream
+}
+
+/// The status with which a stream is answered; it is not listened to.
+async fn status(daemon: &Daemon, what: &str, line: &str) -> u16 {
+    let mut stream = TcpStream::connect(daemon.address).await.expect("connected");
+    stream.write_all(request(daemon.address, what, &[line], "").as_bytes()).await.expect("sent");
+    let mut seen = Vec::new();
+    loop {
+        let read = timeout(Duration::from_secs(20), stream.read_buf(&mut seen)).await.expect("it answers");
+        assert!(read.expect("open") > 0, "{what}: {}", String::from_utf8_lossy(&seen));
+        if let Some((head, _)) = String::from_utf8_lossy(&seen).split_once("\r\n") {
+            return head.split(' ').nth(1).and_then(|status| status.parse().ok()).expect("a status");
+        }
+    }
 }
 
 /// How long a stream goes on from now.
@@ -93,4 +107,21 @@ async fn a_stream_ends_when_token_or_session_run_out() {
     outlasts(by_session).await;
     let lasted = begun.elapsed().as_secs_f64();
     assert!((2.5..3.0 + PROMISED.as_secs_f64()).contains(&lasted), "{lasted} s");
+    // So is a page whose streams are opened again and again, as a browser does by itself where the network is bad.
+    let session = daemon.log_in("viewer").await;
+    let (begun, line) = (Instant::now(), format!("cookie: {}", session.cookie));
+    let mut paces = interval(Duration::from_millis(200));
+    let answered = loop {
+        paces.tick().await;
+        let answers = [status(&daemon, STREAMS[0], &line).await, status(&daemon, STREAMS[1], &line).await];
+        let lasted = begun.elapsed().as_secs_f64();
+        assert!(
+            answers != [200, 200] || lasted < 3.0 + PROMISED.as_secs_f64(),
+            "it is still open after {lasted} s"
+        );
+        if answers == [401, 401] {
+            break lasted;
+        }
+    };
+    assert!(answered > 2.5, "{answered} s");
 }

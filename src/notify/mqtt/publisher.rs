@@ -62,12 +62,25 @@ pub struct Counters {
     pub connected: AtomicBool,
     /// Why there is none, and since when (s).
     lost: Mutex<Option<(String, f64)>>,
+    /// When the broker last took a message (s).
+    taken_at: Mutex<Option<f64>>,
 }
 
 impl Counters {
     /// Why there is no connection, and since when (s); `None` while there is one, and before it was tried.
     pub fn lost(&self) -> Option<(String, f64)> {
         self.lost.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// When the broker last took a message (s); `None` before it has taken one.
+    pub fn taken_at(&self) -> Option<f64> {
+        *self.taken_at.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The broker took a message at `now` (s).
+    pub fn takes(&self, now: f64) {
+        self.published.fetch_add(1, Relaxed);
+        *self.taken_at.lock().unwrap_or_else(PoisonError::into_inner) = Some(now);
     }
 
     fn found(&self) {
@@ -194,7 +207,7 @@ impl Publisher {
                 },
                 Some((topic, version, taken)) = on_their_way.next() => {
                     if taken {
-                        self.counters.published.fetch_add(1, Relaxed);
+                        self.counters.takes((self.now)());
                     } else {
                         outbox.failed(&topic, version);
                     }

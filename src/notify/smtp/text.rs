@@ -3,7 +3,7 @@
 use crate::alarm::{Kind, State};
 use crate::notify::batch::Digest;
 use crate::notify::filter::What;
-use crate::notify::notice::{Notice, Source, words};
+use crate::notify::notice::{Notice, Source};
 use crate::notify::payload;
 use crate::notify::time::iso;
 use crate::results::words::swings_with as swings;
@@ -34,7 +34,7 @@ fn head(notice: &Notice) -> String {
         What::Raised => notice.priority.as_str().to_uppercase(),
         other => other.as_str().to_string(),
     };
-    format!("{tag} {}: {}", notice.alarm.subject, words(notice.alarm.kind))
+    format!("{tag} {}: {}", notice.alarm.subject, notice.alarm.kind.words())
 }
 
 /// All of it, one paragraph a change.
@@ -56,7 +56,7 @@ pub(super) fn body(digest: &Digest, source: &Source) -> String {
 }
 
 fn kind_words(kind: Kind) -> String {
-    format!("{} ({})", words(kind), kind.as_str())
+    format!("{} ({})", kind.words(), kind.as_str())
 }
 
 fn paragraph(notice: &Notice, out: &mut String) {
@@ -122,6 +122,17 @@ mod tests {
         let (alarm, state) = (AlarmId::named("A/f_rising"), State::ReturnedUnacknowledged);
         let no_longer = Notice { alarm, what: What::Cleared, state, ..raised };
         assert!(told(&no_longer).contains(found), "{}", told(&no_longer));
+    }
+
+    #[test]
+    fn a_mail_calls_each_alarm_as_the_page_does() {
+        let page = include_str!("../../serve/page/assets/js/states.js");
+        let (_, list) = page.split_once("const ALARMS = {").expect("the page's list");
+        for kind in Kind::ALL {
+            let head = head(&notice(&format!("A/{}", kind.as_str()), Priority::Low));
+            let (_, said) = head.split_once("LOW A: ").expect("a head");
+            assert!(list.contains(&format!("{}: \"{said}\"", kind.as_str())), "{head}");
+        }
     }
 
     #[test]
