@@ -231,6 +231,6 @@ async fn an_order_that_became_too_old_has_no_heartbeat() {
     assert_eq!(writer.write(&early).await, Err(WriteFault::Withheld));
     assert_eq!(device.heard(), (vec![0], [0x3FC0, 0, 0]));
     // From the beginning it is too old for its term.
-    assert_eq!(writer.write(&order(2.5).0).await, Err(WriteFault::Withheld));
+    assert_eq!(writer.write(&order(2.0).0).await, Err(WriteFault::Withheld));
     assert_eq!(device.heard(), (vec![0], [0x3FC0, 0, 0]));
 }
