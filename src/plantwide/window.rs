@@ -92,7 +92,8 @@ pub fn of_record(name: &str, record: &Record, most: usize) -> Result<PlantLoop, 
 }
 
 /// The same over the latest part of a record: its latest `most` samples, and where these do not cover `hour_s` (s), that time in about
-/// as many rows. How far back the record goes does not change them, once it goes back so far.
+/// as many rows, unless such rows hide most of what PV does. How far back the record goes does not change them, once it goes back so
+/// far.
 ///
 /// # Errors
 /// Why the record cannot be used.
@@ -101,8 +102,11 @@ pub fn recent(name: &str, record: &Record, hour_s: f64, most: usize) -> Result<P
     let (from, to) = tags.span();
     let length_s = hour_s.min(to - from);
     let ts = apart(interval(&tags.pv.points), length_s, most);
-    let rows = most.max((length_s / ts).ceil() as usize);
-    Ok(PlantLoop { name: name.into(), op_limits: record.op_limits, ..tags.rows(ts, rows) })
+    let mut of = tags.rows(ts, most.max((length_s / ts).ceil() as usize));
+    if of.pv_blurred {
+        of = tags.rows(interval(&tags.pv.points), most);
+    }
+    Ok(PlantLoop { name: name.into(), op_limits: record.op_limits, ..of })
 }
 
 /// Time between rows over `length_s`, `most` of them (s): that of the samples, `interval` (s), where these are not many more. Rows a

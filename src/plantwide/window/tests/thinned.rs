@@ -37,8 +37,13 @@ fn samples_that_are_nearly_as_few_as_rows_stay_as_they_are() {
     }
     // An hour at 0.2 s is more than its rows.
     let long = record(0.2, 30_000, |k| (0.01 * k as f64).sin(), |k| (0.01 * k as f64).cos());
-    let recent = recent("FIC1", &long, 3600.0, 3600).expect("samples").window;
-    assert_eq!((recent.ts, recent.len()), (1.0, 3600));
+    let of = |record| recent("FIC1", record, 3600.0, 3600).expect("samples");
+    assert_eq!((of(&long).window.ts, of(&long).window.len()), (1.0, 3600));
+    // Rows of a second would hide that a loop at rest is mostly noise.
+    let pv = noise(4, 30_000);
+    let rest = of(&record(0.2, 30_000, |k| 50.0 - pv[k], |k| pv[k]));
+    assert!((rest.window.ts - 0.2).abs() < 1e-9 && !rest.pv_blurred, "{}", rest.window.ts);
+    assert_eq!(rest.window.len(), 3600);
 }
 
 #[test]
