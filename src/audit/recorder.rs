@@ -13,8 +13,9 @@ use tokio::sync::oneshot;
 
 /// Entries that may wait for the disk.
 const QUEUE: usize = 4096;
-/// Longest wait for an entry to be on disk, once those before it are: a disk that takes longer hangs.
-pub const ON_RECORD: Duration = Duration::from_secs(5);
+/// Longest wait for an entry to be on disk, once those before it are: a disk that takes longer hangs. A batch that begins another file
+/// waits for the disk four times, and a busy disk takes seconds each time.
+pub const ON_RECORD: Duration = Duration::from_secs(15);
 /// Entries that share one wait for the disk.
 const BATCH: usize = 512;
 

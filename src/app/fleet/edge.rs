@@ -251,15 +251,20 @@ impl Fleet {
         // Of one that comes again although it was done nothing is done.
         let (mut taken, mut making) = (Taken::default(), Making::default());
         let mut obeyed = Obeyed::default();
+        let mut is_said = false;
         loop {
             let mut reading = match link.read(ACTIONS, &reader, &filter).await {
                 Ok(reading) => reading,
                 Err(error) => {
-                    tracing::debug!(%error, "orders of the centre are not heard");
+                    // A server that permits another reader does not answer, while all else works.
+                    if !std::mem::replace(&mut is_said, true) {
+                        tracing::warn!(%error, reader, "orders of the centre are not heard");
+                    }
                     tokio::time::sleep(PAUSE).await;
                     continue;
                 }
             };
+            is_said = false;
             if making.is_another(reading.made()) {
                 // The stream may be another, and count from 1 again.
                 taken = Taken::default();
