@@ -1,5 +1,12 @@
-//! The values that walk through the house: samples with a quality, the raw record of one loop, and the
-//! equally sampled window that the diagnosis works on. Imports nothing internal.
+//! The types that all modules share: samples with a quality, the raw record of one loop, and the equally sampled window that the
+//! diagnosis works on. Imports nothing internal.
+//!
+//! | abbreviation | what it is |
+//! |---|---|
+//! | OP | controller output |
+//! | PV | process variable |
+//! | SP | set point |
+//! | MV | measured position of the valve's stem |
 
 mod moment;
 mod outages;
@@ -7,9 +14,7 @@ mod span;
 
 pub use moment::moment;
 pub use outages::{AT_LIMIT, LARGEST_VALUE, Limits, are_measured, is_limit, outages, quantile};
-pub use span::{
-    MILLIAMPERES, Scale, SpanSource, along_op, figures, span_at_least, span_of_unit, told, trimmed,
-};
+pub use span::{Scale, SpanSource, along_op, figures, span_at_least, span_of_unit, told, trimmed};
 use std::borrow::Cow;
 use std::fmt;
 use std::sync::Arc;
@@ -36,7 +41,7 @@ impl fmt::Display for LoopId {
     }
 }
 
-/// What a loop's tag is to the loop.
+/// The role of a tag in its loop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Role {
     /// Controller output (% of span, or the unit the plant uses).
@@ -49,7 +54,7 @@ pub enum Role {
     Mode,
     /// The valve's true, measured position.
     Mv,
-    /// What write-back adds to OP behind the controller, in force from each stamp on (OP unit).
+    /// The term that write-back adds to OP behind the controller (OP unit): each value is in force from its stamp on.
     Term,
 }
 
@@ -82,14 +87,14 @@ pub enum BadReason {
     NotANumber,
 }
 
-/// Whether a sample may be believed.
+/// The quality of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Quality {
     /// Read from the device just now.
     Good,
     /// The device repeats an old value (frozen, or marked so by its source).
     Stale,
-    /// Not usable, and why.
+    /// Not usable, with the reason.
     Bad(BadReason),
 }
 
@@ -132,11 +137,11 @@ impl Quality {
 /// One value of one tag.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
-    /// Seconds; since the Unix epoch in the daemon, since anything in a file.
+    /// Time (s): since the Unix epoch in the daemon, since any beginning in a file.
     pub t: f64,
     /// The value in the tag's unit; NaN when `quality` is bad and no value exists.
     pub value: f64,
-    /// Whether to believe it.
+    /// Its quality.
     pub quality: Quality,
 }
 
@@ -147,7 +152,7 @@ impl Sample {
     }
 }
 
-/// FNV-1a of these bytes, 64 bits: the same today and in every later version, so that it can be kept.
+/// The 64-bit FNV-1a hash of some bytes. Every later version gives the same hash, so that it can be stored.
 pub fn fnv1a(bytes: impl Iterator<Item = u8>) -> u64 {
     bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
 }
@@ -155,7 +160,7 @@ pub fn fnv1a(bytes: impl Iterator<Item = u8>) -> u64 {
 /// Samples of one tag, in the order they arrived.
 pub type Series = Vec<Sample>;
 
-/// What was recorded of one loop: raw, each tag with its own stamps. The gate makes a [`Window`] of it.
+/// The raw record of one loop, each tag with its own stamps. The gate of the diagnosis makes a [`Window`] of it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Record {
     /// Controller output.
@@ -168,7 +173,7 @@ pub struct Record {
     pub mode: Option<Series>,
     /// Measured stem position, where there is one.
     pub mv: Option<Series>,
-    /// What write-back added to OP, each sample in force until the next (OP unit), where a loop has write-back.
+    /// The terms that write-back added to OP (OP unit), each in force until the next, where a loop has write-back.
     pub term: Option<Series>,
     /// Other tags by name.
     pub tags: Vec<(String, Series)>,
@@ -176,22 +181,22 @@ pub struct Record {
     pub op_limits: Option<(f64, f64)>,
     /// The span of OP in its own unit (100 for per cent), where known.
     pub op_span: Option<f64>,
-    /// Where that is known from.
+    /// Where the span is known from.
     pub op_span_source: SpanSource,
-    /// Whether the process integrates, where that is known: no verdict rests on it, some of the published methods do.
+    /// Whether the process integrates, where that is known. The verdict does not depend on it; some of the published methods do.
     pub integrates: Option<bool>,
-    /// What stands for where OP and PV are read: another place is another valve. `None` where nobody says.
+    /// A hash of where OP and PV are read, where it is known: another place is another valve.
     pub source: Option<u64>,
 }
 
 impl Record {
-    /// The limits of OP, where they are known, and until when OP and PV go.
+    /// The limits of OP, where they are known, with the time of the last sample of OP and PV.
     pub fn limits(&self) -> Option<Limits> {
         let times = self.op.iter().chain(&self.pv).map(|own| own.t).filter(|t| t.is_finite());
         Some(Limits { range: self.op_limits?, end: times.fold(f64::NEG_INFINITY, f64::max) })
     }
 
-    /// The term in force at a time (OP unit); 0 before the first.
+    /// The term of write-back in force at time `t` (OP unit); 0 before the first.
     pub fn term_at(&self, t: f64) -> f64 {
         let terms = self.term.as_deref().unwrap_or_default();
         let before = terms[..terms.partition_point(|own| own.t <= t)].iter().rev();
@@ -199,7 +204,7 @@ impl Record {
         before.into_iter().find(usable).map_or(0.0, |own| own.value)
     }
 
-    /// What the valve was told: OP, and the term that was in force at each of its samples.
+    /// The signal that the valve received: OP plus the term that was in force at each of its samples.
     pub fn input(&self) -> Cow<'_, [Sample]> {
         if self.term.as_ref().is_none_or(Vec::is_empty) {
             return Cow::Borrowed(&self.op);
@@ -215,20 +220,20 @@ impl Record {
     }
 }
 
-/// What a row of a window is worth to a fit.
+/// How a fit uses a row of a window.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Row {
-    /// It counts.
+    /// Its error counts.
     #[default]
     Counts,
-    /// OP and PV are right, but say nothing of the valve: their error does not count.
+    /// OP and PV are right, but carry no information on the valve: the error does not count.
     Silent,
-    /// OP or PV was not measured: what stands there is no measurement.
+    /// OP or PV was not measured: its value was filled in, and the error does not count.
     Missing,
 }
 
-/// One loop's data on an equal grid, every value finite: what was not measured of OP and PV is what the loop makes likeliest,
-/// and a model's own prediction takes PV's place.
+/// The data of one loop on an equal grid, with finite values only. Where OP or PV was not measured, its likeliest value is filled in;
+/// a model takes its own prediction in place of such a PV.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Window {
     /// Time of the first sample (s).
@@ -245,17 +250,17 @@ pub struct Window {
     pub mv: Option<Vec<f64>>,
     /// Other tags by name, N values each.
     pub tags: Vec<(String, Vec<f64>)>,
-    /// What each row is worth, N values; empty where all count.
+    /// How a fit uses each row, N values; empty where all count.
     pub rows: Vec<Row>,
 }
 
 impl Window {
-    /// What row `k` is worth.
+    /// How a fit uses row `k`.
     pub fn row(&self, k: usize) -> Row {
         self.rows.get(k).copied().unwrap_or_default()
     }
 
-    /// How many rows count.
+    /// Number of rows that count.
     pub fn counted(&self) -> usize {
         self.len() - self.rows.iter().filter(|row| **row != Row::Counts).count()
     }

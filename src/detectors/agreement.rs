@@ -1,36 +1,41 @@
-//! How the methods agree, with one another and with the program's verdict.
+//! How many methods agree with one another and with the program's verdict, and whether they cast doubt on the verdict.
 
 use super::opinion::{Method, Opinion, Says};
 
-/// Methods that have to contradict the verdict, at least.
+/// Fewest methods that must contradict the verdict for a doubt.
 pub const LEAST_CONTRADICTING: usize = 4;
-/// Share of the methods that could tell which have to contradict it.
+/// Least share of the methods that could tell which must contradict it (-).
 pub const SHARE_CONTRADICTING: f64 = 0.8;
 
-/// Who says what.
+/// The opinions, counted.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Agreement {
     /// Methods that say that the valve sticks.
     pub sticks: usize,
     /// Methods that could tell.
     pub could_tell: usize,
-    /// Methods that say what the program's verdict says; none where that cannot tell.
+    /// Methods that agree with the program's verdict; 0 where the verdict cannot tell.
     pub agree: usize,
-    /// True where the measured stem, which is no guess, contradicts the verdict.
+    /// Whether the measured stem contradicts the verdict.
     pub by_stem: bool,
-    /// True where the methods contradict the program's verdict so that somebody should look at the loop.
+    /// Whether the verdict is doubtful, so that somebody should inspect the loop.
     pub doubtful: bool,
-    /// The same in one line.
+    /// The counts in one line.
     pub why: String,
 }
 
-/// Counts the opinions, and holds them against a verdict on a loop whose cycle is regular or not.
+/// Counts the opinions, and compares them with a verdict.
 ///
-/// The two numbers keep the doubted among the right verdicts below 1 % on simulated loops with a regular cycle
-/// (`numerics/examples/opinions -- --calibrate`): a doubt that is raised without need costs a day.
-/// The measured stem is not counted: it is no guess. Where it contradicts the verdict, that is enough. Otherwise most of those
-/// that could tell have to, and several of them: the methods share their blind spots, so that two of them agree by chance.
-/// Without a regular cycle there is no doubt, since most of the methods were made for one.
+/// A verdict is doubtful where the measured stem contradicts it; that method is a measurement, and is not counted among the others.
+/// It is doubtful, too, where the cycle is regular and at least `LEAST_CONTRADICTING` methods contradict the verdict, which are a
+/// share of `SHARE_CONTRADICTING` of those that could tell. The methods share their blind spots, so that two of them may agree by
+/// chance. Without a regular cycle there is no doubt, because most of the methods need one.
+///
+/// Both limits are calibrated (`numerics/examples/opinions -- --calibrate`): of the right verdicts on simulated loops with a regular
+/// cycle fewer than 1 % are doubted. A needless doubt costs a day of work.
+///
+/// * `verdict_sticks`: the verdict; none where it cannot tell.
+/// * `regular`: whether the loop has a regular cycle.
 pub fn agreement(opinions: &[Opinion], verdict_sticks: Option<bool>, regular: bool) -> Agreement {
     let counted = || opinions.iter().filter(|o| o.method != Method::StemLoop && o.says != Says::CannotTell);
     let could_tell = counted().count();

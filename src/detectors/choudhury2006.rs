@@ -27,16 +27,18 @@ use super::picture::{Layer, Mark, Picture, Tone, excerpt};
 use crate::sysid::stats::{mean, range, sd};
 use realfft::RealFftPlanner;
 
-const ME: Method = Method::Choudhury2006;
+const METHOD: Method = Method::Choudhury2006;
 /// The authors' threshold of NGI, the index (-).
 pub const BY_NGI: Band = Band::at(0.001);
 /// The authors' threshold of NLI (-).
 pub const LEAST_NLI: f64 = 0.01;
 /// Normal quantile of the test for NGI.
 const QUANTILE: f64 = 1.645;
-/// Fewest samples of a segment, periods in one, and fewest segments without overlap.
+/// Fewest samples of a segment.
 const LEAST_SEGMENT: usize = 32;
+/// Periods in a segment.
 const PERIODS: f64 = 4.0;
+/// Fewest segments without overlap.
 const SEGMENTS: usize = 6;
 /// Half the width of the filter around the frequencies of the largest bicoherence (1/samples).
 const HALF_WIDTH: f64 = 0.05;
@@ -45,7 +47,7 @@ const STRIP: f64 = 0.1;
 /// Most cells of the drawn map along its longer side.
 const CELLS: usize = 48;
 
-/// The bicoherence in short.
+/// The indices of the bicoherence.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Indices {
     /// Non-Gaussianity index (-).
@@ -71,7 +73,7 @@ pub struct Bicoherence {
 }
 
 impl Bicoherence {
-    /// Of a signal from half overlapping segments of so many samples; none for fewer than two segments.
+    /// The bicoherence of a signal, from half overlapping segments; none for fewer than two. `segment`: samples of a segment.
     pub fn new(v: &[f64], segment: usize) -> Option<Self> {
         let half = segment / 2;
         if segment < 8 || v.len() < segment + half {
@@ -138,7 +140,7 @@ impl Bicoherence {
     }
 }
 
-/// The indices of a signal from segments of so many samples; none for fewer than two segments.
+/// The indices of a signal; none for fewer than two segments. `segment`: samples of a segment.
 pub fn indices(v: &[f64], segment: usize) -> Option<Indices> {
     Bicoherence::new(v, segment)?.indices()
 }
@@ -185,8 +187,8 @@ pub fn branches(u: &[f64], y: &[f64]) -> Option<f64> {
     Some(b - a)
 }
 
-/// What is left of `v` between two frequencies (1/samples).
-fn band(v: &[f64], low: f64, high: f64) -> Option<Vec<f64>> {
+/// The part of `v` between two frequencies (1/samples).
+fn band_pass(v: &[f64], low: f64, high: f64) -> Option<Vec<f64>> {
     let n = v.len();
     let mut planner = RealFftPlanner::<f64>::new();
     let (forward, back) = (planner.plan_fft_forward(n), planner.plan_fft_inverse(n));
@@ -203,13 +205,13 @@ fn band(v: &[f64], low: f64, high: f64) -> Option<Vec<f64>> {
     Some(out.into_iter().map(|x| x / n as f64).collect())
 }
 
-/// What the method looks at.
-struct Looked {
+/// What the method evaluates.
+struct Evaluated {
     map: Bicoherence,
     found: Indices,
 }
 
-fn look(facts: &Facts<'_>) -> Result<Looked, String> {
+fn evaluate(facts: &Facts<'_>) -> Result<Evaluated, String> {
     let period = facts.oscillates()?;
     let error: Vec<f64> = match &facts.window.sp {
         Some(sp) if sp.iter().all(|sp| sp.is_finite()) => {
@@ -224,10 +226,10 @@ fn look(facts: &Facts<'_>) -> Result<Looked, String> {
     let none = "no bicoherence can be estimated";
     let map = Bicoherence::new(&error, segment).ok_or(none)?;
     let found = map.indices().ok_or(none)?;
-    Ok(Looked { map, found })
+    Ok(Evaluated { map, found })
 }
 
-impl Looked {
+impl Evaluated {
     /// Whether the loop is nonlinear.
     fn nonlinear(&self) -> bool {
         BY_NGI.says(self.found.ngi) == Says::Sticks && self.found.nli > LEAST_NLI
@@ -237,19 +239,19 @@ impl Looked {
     fn filtered(&self, facts: &Facts<'_>) -> Option<(Vec<f64>, Vec<f64>)> {
         let at = self.found.at;
         let (low, high) = ((at.0.min(at.1) - HALF_WIDTH).max(0.004), (at.0.max(at.1) + HALF_WIDTH).min(0.5));
-        band(&facts.u, low, high).zip(band(&facts.y, low, high))
+        band_pass(&facts.u, low, high).zip(band_pass(&facts.y, low, high))
     }
 }
 
 /// The map of the bicoherence, and where the loop is nonlinear PV against OP with the ellipse.
 pub(super) fn picture(facts: &Facts<'_>) -> Vec<Picture> {
-    let Ok(looked) = look(facts) else { return Vec::new() };
-    let name = format!("squared bicoherence, largest {:.2}", looked.found.largest);
-    let cells = Layer { name, tone: Tone::Data, mark: looked.map.cells(facts.window.ts) };
+    let Ok(evaluated) = evaluate(facts) else { return Vec::new() };
+    let name = format!("squared bicoherence, largest {:.2}", evaluated.found.largest);
+    let cells = Layer { name, tone: Tone::Data, mark: evaluated.map.cells(facts.window.ts) };
     let title = "Bicoherence of the control error: coupled frequencies show a loop that is not linear";
     let mut pictures =
         vec![Picture::new(title, "second frequency (Hz)", "first frequency (Hz)", vec![cells])];
-    let plane = looked.nonlinear().then(|| looked.filtered(facts)).flatten();
+    let plane = evaluated.nonlinear().then(|| evaluated.filtered(facts)).flatten();
     if let Some((u, y)) = plane {
         let path = excerpt(facts).map(|k| (u[k], y[k])).collect();
         let layers = vec![
@@ -262,22 +264,22 @@ pub(super) fn picture(facts: &Facts<'_>) -> Vec<Picture> {
     pictures
 }
 
-/// What the method says.
+/// The opinion of the method.
 pub fn opinion(facts: &Facts<'_>) -> Opinion {
-    let looked = match look(facts) {
-        Ok(looked) => looked,
-        Err(why) => return Opinion::cannot_tell(ME, why),
+    let evaluated = match evaluate(facts) {
+        Ok(evaluated) => evaluated,
+        Err(why) => return Opinion::cannot_tell(METHOD, why),
     };
-    let Indices { ngi, nli, .. } = looked.found;
+    let Indices { ngi, nli, .. } = evaluated.found;
     let why = format!("NGI {ngi:.3}, NLI {nli:.3}");
-    let opinion = Opinion::of(ME, ngi, BY_NGI, format!("{why}: Gaussian, so linear"));
+    let opinion = Opinion::of(METHOD, ngi, BY_NGI, format!("{why}: Gaussian, so linear"));
     if opinion.says != Says::Sticks {
         return opinion;
     }
-    if !looked.nonlinear() {
+    if !evaluated.nonlinear() {
         return Opinion { says: Says::Sound, why: format!("{why}: not Gaussian, but linear"), ..opinion };
     }
-    let widths = looked.filtered(facts).and_then(|(u, y)| Some((branches(&u, &y)?, ellipse(&u, &y))));
+    let widths = evaluated.filtered(facts).and_then(|(u, y)| Some((branches(&u, &y)?, ellipse(&u, &y))));
     let Some((width, ellipse)) = widths else {
         return opinion.but_cannot_tell(format!("{why}: nonlinear, but PV and OP make no plot"));
     };

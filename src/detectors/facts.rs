@@ -1,42 +1,43 @@
-//! What every method needs to know of a window, decided once.
+//! The properties of a window that every method needs, computed once.
 
 use super::half_cycles::Cycles;
 use super::integration::{Integrates, Integration, Signals, integration};
 use super::oscillation::{Cycle, REGULAR, cycle};
 use crate::diagnosis::region::{self, Region};
+use crate::diagnosis::{NotIdentifiable, Verdict};
 use crate::signal::Window;
 use crate::sysid::stats::{mean, normalised, sd};
 use crate::sysid::valve::Start;
 
 /// Fewest samples of a window.
 const LEAST_SAMPLES: usize = 100;
-/// Most samples; of a longer window the most regular stretch is taken.
+/// Most samples: of a longer window the stretch with the most regular oscillation is used.
 const MOST_SAMPLES: usize = 4000;
-/// Shortest period whose shape can be told (samples).
+/// Shortest period whose shape can be recognised (samples).
 const SHORTEST_PERIOD: f64 = 10.0;
-/// Largest share of rows that were not measured at which the shape of a cycle is told (-). What stands there is a linear model's,
-/// which makes sines of all shapes; a tenth of them moves an index of He's, 0 for a sine and 1 for a triangle, by no more than half
-/// of what lies between his thresholds.
+/// Largest share of rows that were not measured at which the shape of a cycle can be recognised (-). Their values come from a linear
+/// model, which makes sines of all shapes. A tenth of them moves He's index, which is 0 for a sine and 1 for a triangle, by at most
+/// half of the distance between his thresholds.
 const MOST_MISSING: f64 = 0.1;
 
-/// A window, normalised, and what was decided about it.
+/// A window with its normalised signals and the properties that all methods use.
 #[derive(Clone, Debug)]
 pub struct Facts<'a> {
-    /// The window.
+    /// The window, or its most regular stretch.
     pub window: std::borrow::Cow<'a, Window>,
-    /// OP less its mean, in its standard deviations.
+    /// OP as deviation from its mean, in its standard deviations.
     pub u: Vec<f64>,
-    /// PV likewise.
+    /// PV, normalised likewise.
     pub y: Vec<f64>,
-    /// The measured stem likewise, where there is one that moves.
+    /// The measured stem, normalised likewise, where there is one that moves.
     pub stem: Option<Vec<f64>>,
     /// Standard deviation of OP (OP unit).
     pub unit: f64,
     /// The extrema and zero crossings of OP.
     pub region: Region,
-    /// Where a stem is followed from.
+    /// The extremum of OP from which a stem is simulated.
     pub start: Start,
-    /// The oscillation of OP, where there is one.
+    /// The oscillation of OP, where there is one; it may be irregular.
     pub oscillation: Option<Cycle>,
     /// Whether the process integrates.
     pub integration: Integration,
@@ -44,13 +45,15 @@ pub struct Facts<'a> {
     pub op: Cycles,
     /// Half cycles of PV; likewise.
     pub pv: Cycles,
+    /// The reason of the diagnosis, where it found the oscillation undersampled.
+    pub undersampled: Option<String>,
 }
 
 impl<'a> Facts<'a> {
-    /// Looks at a window; `integrates` where somebody knows it.
+    /// The properties of a window. `integrates`: whether the process integrates, where that is known.
     ///
     /// # Errors
-    /// Why no method can say anything: too short, not finite, no movement, no time base.
+    /// The reason why no method can be used: the window is too short, its values are not finite or do not move, or it has no time base.
     pub fn new(window: &'a Window, integrates: Option<bool>) -> Result<Self, String> {
         let window = usable(window)?;
         let (u, unit) = normal(&window.op).ok_or("OP does not move")?;
@@ -59,7 +62,7 @@ impl<'a> Facts<'a> {
         let stem = window.mv.as_ref().filter(|mv| mv.len() == n).and_then(|mv| Some(normal(mv)?.0));
         let region = region::analyse(&u);
         let start = region::start_of(&region, &u, 0, n / 2).unwrap_or_default();
-        // Noise spoils the crossings of OP, few periods those of its autocovariance: the more regular are believed.
+        // Noise spoils the zero crossings of OP, and few periods those of its autocovariance: the more regular ones are used.
         let by_op = region.oscillation(0, n, 1.0);
         let by_op = by_op.map(|found| Cycle { period: found.period, regularity: found.regularity_r });
         let by_covariance = region.typical_period().and_then(|typical| cycle(&u, typical));
@@ -77,6 +80,7 @@ impl<'a> Facts<'a> {
             integration: Integration::default(),
             op: Cycles::default(),
             pv: Cycles::default(),
+            undersampled: None,
         };
         let signals = Signals {
             u: &facts.u,
@@ -92,10 +96,19 @@ impl<'a> Facts<'a> {
         Ok(facts)
     }
 
+    /// The same with what the diagnosis found: in an undersampled window OP has no shape, whatever its samples look like.
+    #[must_use]
+    pub fn with_verdict(mut self, verdict: &Verdict) -> Self {
+        if let Verdict::NotIdentifiable(why @ NotIdentifiable::Undersampled { .. }) = verdict {
+            self.undersampled = Some(why.to_string());
+        }
+        self
+    }
+
     /// The period of a regular oscillation (samples).
     ///
     /// # Errors
-    /// Why there is none.
+    /// The reason why there is none: no oscillation, an irregular one, or one with too few samples in a period.
     pub fn oscillates(&self) -> Result<f64, String> {
         let Some(found) = self.oscillation else { return Err("OP does not oscillate".into()) };
         let Cycle { period, regularity } = found;
@@ -108,10 +121,10 @@ impl<'a> Facts<'a> {
         Ok(period)
     }
 
-    /// Whether enough of the rows were measured for a method that takes all of them for measurements.
+    /// Whether enough rows were measured for a method that cannot leave rows out.
     ///
     /// # Errors
-    /// Why not.
+    /// The reason, with the share of rows that are missing.
     pub fn measured(&self) -> Result<(), String> {
         let missing = self.window.missing();
         if missing > MOST_MISSING {
@@ -133,11 +146,11 @@ impl<'a> Facts<'a> {
         self.u.is_empty()
     }
 
-    /// The measured stem, or PV where it stands for one (its unit), and what it is called: PV does where the process does not
-    /// integrate, as in flow loops.
+    /// The name and the values of the measured stem, or of PV in place of it (standard deviations). PV takes its place where the process
+    /// does not integrate, as in flow loops.
     ///
     /// # Errors
-    /// Why nothing stands for the stem.
+    /// The reason why PV cannot take the place of a stem that is not measured.
     pub fn stem_or_pv(&self) -> Result<(&'static str, &[f64]), String> {
         match (&self.stem, self.integration.answer) {
             (Some(stem), _) => Ok(("the measured stem", stem)),
@@ -147,7 +160,7 @@ impl<'a> Facts<'a> {
         }
     }
 
-    /// Range of OP, in its standard deviations.
+    /// Range of OP (standard deviations of OP).
     pub fn op_range(&self) -> f64 {
         let (low, high) = crate::sysid::stats::range(&self.u);
         high - low
@@ -180,10 +193,10 @@ fn usable(window: &Window) -> Result<std::borrow::Cow<'_, Window>, String> {
     Ok(Owned(window.slice(from, from + MOST_SAMPLES)))
 }
 
-/// Zero mean and unit variance, and the standard deviation; none where there is none.
+/// A signal with zero mean and unit variance, and its standard deviation; `None` where it does not move.
 fn normal(v: &[f64]) -> Option<(Vec<f64>, f64)> {
     let (m, s) = (mean(v), sd(v));
-    // Movement that is only rounding is none.
+    // A spread as small as rounding is no movement.
     let moves = s.is_finite() && s > 1e-12 * m.abs().max(f64::MIN_POSITIVE);
     moves.then(|| (normalised(v, m, s), s))
 }
@@ -216,5 +229,31 @@ mod tests {
         assert!(found.why.starts_with("17 % of the samples are missing"), "{found:?}");
         // The program's own fit of d leaves such rows out.
         assert!(!says(Method::Srinivasan2005D, lost(6)).why.contains("missing"));
+    }
+
+    #[test]
+    fn in_an_undersampled_window_only_a_measured_stem_is_compared() {
+        let wave = |phase: f64| -> Vec<f64> {
+            (0..960).map(|k| (TAU * f64::from(k) / 60.0 + phase).sin()).collect()
+        };
+        let window =
+            Window { ts: 1.0, op: wave(0.0), pv: wave(3.0), mv: Some(wave(0.0)), ..Window::default() };
+        let facts = Facts::new(&window, Some(false)).expect("both move");
+        let why = NotIdentifiable::Undersampled { samples: 2.2, poll_s: Some(39.0), mean_s: None };
+        let said = why.to_string();
+        let undersampled = facts.clone().with_verdict(&Verdict::NotIdentifiable(why));
+        for method in Method::ALL {
+            let found = opinion(method, &undersampled);
+            if method == Method::StemLoop {
+                assert_eq!(found, opinion(method, &facts));
+                continue;
+            }
+            assert_eq!((found.says, &found.why), (Says::CannotTell, &said), "{method:?}");
+            assert!(picture(method, &undersampled).is_empty(), "{method:?}");
+        }
+        // Other verdicts change nothing.
+        let other = facts.clone().with_verdict(&Verdict::NotIdentifiable(NotIdentifiable::FlatPv));
+        assert_eq!(opinion(Method::He2007, &other), opinion(Method::He2007, &facts));
+        assert_eq!(opinion(Method::He2007, &facts).says, Says::Sound);
     }
 }

@@ -1,23 +1,23 @@
-//! Half cycles of a signal whose period is known, and shapes fitted to them.
+//! Half cycles of a signal whose period is known, and shapes that are fitted to them.
 //!
 //! ```text
-//! c[k] = v[k] - mean of v over one period around k       a trend goes, the cycle and its harmonics stay
+//! c[k] = v[k] - mean of v over one period around k       removes a trend, and keeps the cycle with its harmonics
 //! s = (k - from) / (to - from)                           0 at one zero crossing of c, 1 at the next
 //! ```
 
 use crate::diagnosis::denoise::{denoise, noise_sd};
 use crate::sysid::stats::sd;
 
-/// Share of its rms that a centred signal has to pass before it counts as having crossed zero.
+/// Hysteresis of a zero crossing: a centred signal must then pass this share of its rms.
 const HYSTERESIS: f64 = 0.4;
-/// A half cycle this much shorter or longer than half a period is none.
+/// Factor by which a half cycle may be shorter or longer than half a period.
 const UNEQUAL: f64 = 2.0;
-/// Fewest samples of a half cycle whose shape can be told.
+/// Fewest samples of a half cycle whose shape can be recognised.
 pub const LEAST_SAMPLES: usize = 5;
-/// Noise, as a share of the signal's sd, above which zero crossings are sought in the denoised signal.
+/// Standard deviation of the noise, as a share of the signal's, above which zero crossings are searched for in the denoised signal.
 const NOISY: f64 = 0.05;
 
-/// A signal's cycle without its trend, and its half cycles.
+/// The cycles of a signal without its trend, cut into half cycles.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Cycles {
     /// The centred signal, in the signal's unit.
@@ -26,19 +26,19 @@ pub struct Cycles {
     pub halves: Vec<HalfCycle>,
 }
 
-/// The time from one zero crossing to the next.
+/// A half cycle: the stretch from one zero crossing to the next.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HalfCycle {
     /// The first crossing (samples).
     pub from: f64,
     /// The second (samples).
     pub to: f64,
-    /// True above zero.
+    /// Whether the signal is above zero in it.
     pub above: bool,
 }
 
 impl Cycles {
-    /// The cycles of `v`, whose period is so many samples.
+    /// The cycles of a signal. `period`: in samples.
     pub fn new(v: &[f64], period: f64) -> Self {
         let centred = centre(v, period);
         let noisy = noise_sd(v) > NOISY * sd(v);
@@ -47,7 +47,7 @@ impl Cycles {
         Self { centred, halves }
     }
 
-    /// Position `s` (0..1) and height, positive, of the samples of one half cycle.
+    /// Position `s` in the half cycle (0..1) and height of each of its samples. Heights are positive on either side of zero.
     pub fn samples(&self, half: &HalfCycle) -> impl Iterator<Item = (f64, f64)> + Clone {
         let sign = if half.above { 1.0 } else { -1.0 };
         let (from, length) = (half.from, half.to - half.from);
@@ -59,7 +59,8 @@ impl Cycles {
     }
 }
 
-/// `v` less its mean over one period around each sample; the first and last half period by the nearest whole one.
+/// The signal `v` less its mean over one period around each sample. In the first and the last half period it is the mean of the
+/// nearest whole period. `period`: in samples.
 pub fn centre(v: &[f64], period: f64) -> Vec<f64> {
     let n = v.len();
     let mut sums = Vec::with_capacity(n + 1);
@@ -81,7 +82,7 @@ pub fn centre(v: &[f64], period: f64) -> Vec<f64> {
         .collect()
 }
 
-/// Half cycles of a centred signal: from one zero crossing to the next that a clear swing follows.
+/// The half cycles of a centred signal: between zero crossings after which the signal passes the hysteresis.
 fn halves(c: &[f64], period: f64) -> Vec<HalfCycle> {
     let clear = HYSTERESIS * sd(c);
     let mut found = Vec::new();
@@ -109,7 +110,7 @@ fn halves(c: &[f64], period: f64) -> Vec<HalfCycle> {
     found
 }
 
-/// Sum of squared errors of the least-squares multiple of `shape` to the samples, and that multiple.
+/// Least-squares fit of a multiple of `shape` to the samples: the sum of squared errors, and the multiple.
 pub fn fit(samples: impl Iterator<Item = (f64, f64)> + Clone, shape: impl Fn(f64) -> f64) -> (f64, f64) {
     let (mut sv, mut ss, mut vv) = (0.0, 0.0, 0.0);
     for (s, v) in samples {

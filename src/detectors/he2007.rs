@@ -11,8 +11,8 @@
 //! SI: stiction index (-); A: height (unit of the signal). Sound up to 0.4, sticks above 0.6, between them undetermined.
 //!
 //! Source: Ind. Eng. Chem. Res. 2007, 46, 4549; thresholds are the authors'.
-//! Limits: noise adds to both errors and draws SI to 0.5; a process that is slow beside the cycle bends the triangle of OP
-//! into a parabola, which looks like a sine; a triangular load looks like a valve.
+//! Limits: noise adds to both errors, and moves SI towards 0.5; a process that is slow compared with the cycle makes a parabola of the
+//! triangle of OP, which looks like a sine; a triangular load looks like a valve.
 
 use super::facts::Facts;
 use super::half_cycles::{Cycles, HalfCycle, LEAST_SAMPLES, fit, sine, triangle};
@@ -21,10 +21,10 @@ use super::opinion::{Band, Method, Opinion};
 use super::picture::{Layer, Picture, Tone, curve};
 use crate::sysid::stats::mean;
 
-const ME: Method = Method::He2007;
+const METHOD: Method = Method::He2007;
 /// The authors' thresholds (-).
 pub const BAND: Band = Band { sound: 0.4, sticks: 0.6 };
-/// Peaks tried for a triangle.
+/// Positions of the triangle's peak that are tried.
 const PEAKS: usize = 19;
 /// Fewest half cycles.
 const LEAST_HALVES: usize = 6;
@@ -39,15 +39,15 @@ struct Half {
     triangle: (f64, f64, f64),
 }
 
-/// What the method looks at: the cycles of which signal, and the fits to their halves.
-struct Looked<'a> {
+/// What the method evaluates: a signal's name, its cycles, and the fits to their half cycles.
+struct Evaluated<'a> {
     name: &'static str,
     cycles: &'a Cycles,
     halves: Vec<Half>,
 }
 
-impl Looked<'_> {
-    /// SI.
+impl Evaluated<'_> {
+    /// The stiction index SI (-).
     fn index(&self) -> f64 {
         let sum = |of: &dyn Fn(&Half) -> f64| self.halves.iter().map(of).sum::<f64>();
         let (sine, triangle) = (sum(&|half| half.sine.0), sum(&|half| half.triangle.0));
@@ -55,7 +55,7 @@ impl Looked<'_> {
     }
 }
 
-fn look<'a>(facts: &'a Facts<'_>) -> Result<Looked<'a>, String> {
+fn evaluate<'a>(facts: &'a Facts<'_>) -> Result<Evaluated<'a>, String> {
     facts.oscillates()?;
     let (name, cycles) = match facts.integration.answer {
         Integrates::No => ("OP", &facts.op),
@@ -83,12 +83,12 @@ fn look<'a>(facts: &'a Facts<'_>) -> Result<Looked<'a>, String> {
     if count < LEAST_HALVES {
         return Err(format!("{name} has {count} half cycles, {LEAST_HALVES} are needed"));
     }
-    Ok(Looked { name, cycles, halves })
+    Ok(Evaluated { name, cycles, halves })
 }
 
 /// The half cycles laid over each other, each divided by the height of its sine, with the sine and the mean triangle.
 pub(super) fn picture(facts: &Facts<'_>) -> Vec<Picture> {
-    let Ok(found) = look(facts) else { return Vec::new() };
+    let Ok(found) = evaluate(facts) else { return Vec::new() };
     let raised: Vec<&Half> = found.halves.iter().filter(|half| half.sine.1 > 0.0).collect();
     let dots = raised.iter().flat_map(|own| {
         found.cycles.samples(&own.half).map(|(s, v)| (s, v / own.sine.1)).collect::<Vec<_>>()
@@ -109,14 +109,14 @@ pub(super) fn picture(facts: &Facts<'_>) -> Vec<Picture> {
     vec![Picture::new(title, "from crossing to crossing (-)", "height (of the fitted sine)", layers)]
 }
 
-/// What the method says.
+/// The opinion of the method.
 pub fn opinion(facts: &Facts<'_>) -> Opinion {
-    match look(facts) {
+    match evaluate(facts) {
         Ok(found) => {
             let index = found.index();
             let why = format!("{} half cycles of {}: SI {index:.2}", found.halves.len(), found.name);
-            Opinion::of(ME, index, BAND, why)
+            Opinion::of(METHOD, index, BAND, why)
         }
-        Err(why) => Opinion::cannot_tell(ME, why),
+        Err(why) => Opinion::cannot_tell(METHOD, why),
     }
 }

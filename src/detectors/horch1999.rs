@@ -23,13 +23,13 @@ use super::opinion::{Band, Method, Opinion, Says};
 use super::picture::{Layer, Picture, Tone};
 use crate::sysid::least_squares::dot;
 
-const ME: Method = Method::Horch1999;
+const METHOD: Method = Method::Horch1999;
 /// The author's thresholds of `d_tau` (-).
 pub const BY_TIME: Band = Band { sound: 1.0 / 3.0, sticks: 2.0 / 3.0 };
 /// The author's thresholds of `d_rho` (-): the first is (2 - √3)/(2 + √3).
 pub const BY_HEIGHT: Band = Band { sound: 0.071_796_769_724_490_8, sticks: 1.0 / 3.0 };
 
-/// What the cross-correlation looks like around 0.
+/// The shape of the cross-correlation around lag 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shape {
     /// `d_rho` (-).
@@ -45,12 +45,12 @@ pub struct Correlation {
     pub r: Vec<f64>,
     /// The zero crossings nearest to 0, before and after it (samples, both positive); none where r does not cross there.
     pub crossings: Option<[f64; 2]>,
-    /// The largest |r| between them, or up to where r was looked at.
+    /// r_opt: the largest |r| between them; without crossings the largest within the reach.
     pub largest: f64,
 }
 
 impl Correlation {
-    /// Of two centred signals within a period (samples).
+    /// The cross-correlation of two centred signals. `period`: the reach (samples).
     pub fn new(u: &[f64], y: &[f64], period: f64) -> Self {
         let n = u.len().min(y.len());
         let (u, y) = (&u[..n], &y[..n]);
@@ -97,8 +97,8 @@ pub fn shape(u: &[f64], y: &[f64], period: f64) -> Option<Shape> {
     Correlation::new(u, y, period).shape()
 }
 
-/// The correlation of a loop.
-fn look(facts: &Facts<'_>) -> Result<Correlation, String> {
+/// The cross-correlation of OP and PV of a loop.
+fn evaluate(facts: &Facts<'_>) -> Result<Correlation, String> {
     let period = facts.oscillates()?;
     match facts.integration.answer {
         Integrates::No => Ok(Correlation::new(&facts.op.centred, &facts.pv.centred, period)),
@@ -109,7 +109,7 @@ fn look(facts: &Facts<'_>) -> Result<Correlation, String> {
 
 /// The correlation over the lag, its crossings, r_0 and r_opt.
 pub(super) fn picture(facts: &Facts<'_>) -> Vec<Picture> {
-    let Ok(found) = look(facts) else { return Vec::new() };
+    let Ok(found) = evaluate(facts) else { return Vec::new() };
     let reach = (found.r.len() / 2) as f64;
     let lag = |k: usize| (k as f64 - reach) * facts.window.ts;
     let curve = found.r.iter().enumerate().map(|(k, r)| (lag(k), *r)).collect();
@@ -133,17 +133,17 @@ pub(super) fn picture(facts: &Facts<'_>) -> Vec<Picture> {
     vec![Picture::new(title, "lag (s)", "correlation (-)", layers)]
 }
 
-/// What the method says.
+/// The opinion of the method.
 pub fn opinion(facts: &Facts<'_>) -> Opinion {
-    let found = match look(facts) {
+    let found = match evaluate(facts) {
         Ok(found) => found,
-        Err(why) => return Opinion::cannot_tell(ME, why),
+        Err(why) => return Opinion::cannot_tell(METHOD, why),
     };
     let Some(Shape { by_height, by_time }) = found.shape() else {
-        return Opinion::cannot_tell(ME, "the cross-correlation does not cross zero within a period");
+        return Opinion::cannot_tell(METHOD, "the cross-correlation does not cross zero within a period");
     };
     let why = format!("d_tau {by_time:.2}, d_rho {by_height:.2}");
-    let opinion = Opinion::of(ME, by_time, BY_TIME, why.clone());
+    let opinion = Opinion::of(METHOD, by_time, BY_TIME, why.clone());
     let other = BY_HEIGHT.says(by_height);
     if opinion.says != other && opinion.says != Says::CannotTell {
         return opinion.but_cannot_tell(format!("{why}: they do not say the same"));

@@ -1,7 +1,8 @@
 //! Horch 2000: the distribution of the second derivative of PV, for processes that integrate.
 //!
-//! Behind an integrating process a valve that sticks makes a triangle of PV. Its second derivative is noise, with a pulse
-//! at each jump: one hump. A sine stays a sine: two humps, at its amplitudes (a camel).
+//! Behind an integrating process, a valve that sticks makes a triangle of PV. Its second derivative is noise with a pulse at each jump,
+//! and its distribution has one peak. The second derivative of a sine is a sine, and its distribution has two peaks, at plus and minus
+//! the amplitude (a camel).
 //!
 //! ```text
 //! v[k] = s[k + h] - 2 s[k] + s[k - h]           s: PV averaged twice over h = a twelfth of a period
@@ -9,11 +10,11 @@
 //! index = MSE_camel / (MSE_camel + MSE_gauss)   MSE: of the best fit to the histogram of v
 //! ```
 //!
-//! v (PV unit), index (-): above 0.5 the hump fits better, and the valve sticks.
+//! v (PV unit), index (-): above 0.5 the Gaussian fits better, and the valve sticks.
 //!
 //! Source: Condition monitoring of control loops, thesis, KTH Stockholm 2000; his rule is that the better fit decides.
-//! Chosen here: the filter's width, and `q1 <= A/2`: a camel with more noise has one hump too, and would always fit.
-//! Limits: noise hides both humps and is taken for a valve that sticks; a load that jumps looks like a valve.
+//! Chosen here: the width of the filter, and `q1 <= A/2`: a camel with more noise has one peak too, and would always fit.
+//! Limits: noise hides both peaks, and is taken for a valve that sticks; a load that jumps looks like a valve.
 
 use super::facts::Facts;
 use super::integration::Integrates;
@@ -21,16 +22,18 @@ use super::opinion::{Band, Method, Opinion};
 use super::picture::{Layer, Picture, Tone};
 use crate::sysid::stats::sd;
 
-const ME: Method = Method::Horch2000;
+const METHOD: Method = Method::Horch2000;
 /// The better fit decides (-).
 pub const BAND: Band = Band::at(0.5);
-/// Twelfths of a period over which PV is averaged.
+/// PV is averaged over the period divided by this.
 const SHARE: f64 = 12.0;
-/// Bins of the histogram over ±`REACH` standard deviations.
+/// Bins of the histogram.
 const BINS: usize = 33;
+/// Half the range of the histogram (standard deviations).
 const REACH: f64 = 3.3;
+/// Width of a bin (standard deviations).
 const WIDTH: f64 = 2.0 * REACH / BINS as f64;
-/// Turns of the sine that the camel is averaged over.
+/// Phases of the sine over which the camel is averaged.
 const TURNS: usize = 16;
 
 /// The distribution of the second derivative and the fits to it.
@@ -38,11 +41,11 @@ const TURNS: usize = 16;
 pub struct Distribution {
     /// Density of the second derivative in its standard deviations, bin by bin over ±`REACH`.
     density: [f64; BINS],
-    /// Standard deviation of the Gaussian that fits best.
+    /// Standard deviation q of the Gaussian that fits best.
     gauss: f64,
-    /// Amplitude and noise of the camel that does.
+    /// Amplitude A and noise q1 of the camel that fits best.
     camel: (f64, f64),
-    /// The camel's share of both misfits (-).
+    /// The index (-).
     pub index: f64,
 }
 
@@ -60,7 +63,7 @@ fn camel(x: f64, a: f64, q: f64) -> f64 {
     (0..TURNS).map(hump).sum::<f64>() / TURNS as f64
 }
 
-/// The distribution of a sequence whose period is so many samples; none where its second derivative does not move.
+/// The distribution of the second derivative of a signal; none where that does not move. `period`: in samples.
 pub fn distribution(y: &[f64], period: f64) -> Option<Distribution> {
     let h = ((period / SHARE).round() as usize).max(1);
     let s = average(&average(y, h), h);
@@ -98,22 +101,23 @@ pub fn distribution(y: &[f64], period: f64) -> Option<Distribution> {
     Some(Distribution { density, gauss: one.1, camel: two.1, index: two.0 / (two.0 + one.0) })
 }
 
-/// The index of a sequence; see [`distribution`].
+/// The index of a signal (-); see [`distribution`].
 pub fn index(y: &[f64], period: f64) -> Option<f64> {
     Some(distribution(y, period)?.index)
 }
 
+/// The density of `N(0, q)`.
 fn normal(x: f64, q: f64) -> f64 {
     (-0.5 * (x / q).powi(2)).exp() / (q * std::f64::consts::TAU.sqrt())
 }
 
-/// The mean of every `h` samples on end.
+/// The moving average over `h` samples.
 fn average(v: &[f64], h: usize) -> Vec<f64> {
     v.windows(h.max(1)).map(|w| w.iter().sum::<f64>() / w.len() as f64).collect()
 }
 
 /// The distribution of a loop's PV.
-fn look(facts: &Facts<'_>) -> Result<Distribution, String> {
+fn evaluate(facts: &Facts<'_>) -> Result<Distribution, String> {
     let period = facts.oscillates()?;
     match facts.integration.answer {
         Integrates::Yes => {}
@@ -125,7 +129,7 @@ fn look(facts: &Facts<'_>) -> Result<Distribution, String> {
 
 /// The histogram with both fits.
 pub(super) fn picture(facts: &Facts<'_>) -> Vec<Picture> {
-    let Ok(found) = look(facts) else { return Vec::new() };
+    let Ok(found) = evaluate(facts) else { return Vec::new() };
     let bars = found.density.iter().enumerate().map(|(i, d)| (middle(i), *d)).collect();
     let over = |of: &dyn Fn(f64) -> f64| -> Vec<(f64, f64)> {
         (0..=120).map(|i| REACH * (f64::from(i) / 60.0 - 1.0)).map(|x| (x, of(x))).collect()
@@ -141,14 +145,14 @@ pub(super) fn picture(facts: &Facts<'_>) -> Vec<Picture> {
     vec![Picture::new(title, "second derivative (standard deviations)", "density (-)", layers)]
 }
 
-/// What the method says.
+/// The opinion of the method.
 pub fn opinion(facts: &Facts<'_>) -> Opinion {
-    match look(facts) {
+    match evaluate(facts) {
         Ok(found) => {
             let index = found.index;
             let why = format!("camel's share of the misfit to PV's second derivative {index:.2}");
-            Opinion::of(ME, index, BAND, why)
+            Opinion::of(METHOD, index, BAND, why)
         }
-        Err(why) => Opinion::cannot_tell(ME, why),
+        Err(why) => Opinion::cannot_tell(METHOD, why),
     }
 }

@@ -1,34 +1,38 @@
-//! Whether the process integrates, as seen at the frequency of the cycle.
+//! Whether the process integrates, at the frequency of the cycle.
 //!
-//! A first-order process integrated over a quarter of a period, so that noise averages out:
+//! The equation of a first-order process is integrated over L, a quarter of a period, so that noise averages out:
 //!
 //! ```text
 //! y(t) - y(t - L) = -(1/tau) ∫ y dt + (K/tau) ∫ x(t - d) dt + c        over t - L .. t
-//! lag = 1/(w tau)        w: angular frequency of the cycle (rad/sample)
+//! lag = 1/(w tau)
 //! ```
 //!
-//! x: the measured stem, else OP through the valve, of a few, with which the equation fits best; d: delay (samples). With
-//! `lag` near 0 PV is the integral of the valve's steps, whatever the plant calls the process; with a large one it follows them.
-//! A negative lag is no process but the controller seen backwards: a load moves PV, and OP follows. Methods that need one kind
-//! or the other get the same answer. Source: integral equations, Whitfield & Messali, Int. J. Control 1987, 45, 1431. The
-//! thresholds are read off what `numerics/examples/opinions -- --calibrate` prints of simulated loops.
+//! y: PV; x: measured stem, otherwise OP through the valve, of a few, with which the equation fits best; d: delay (samples); tau: time
+//! constant (samples); w: angular frequency of the cycle (rad/sample); lag (-). With a lag near 0 PV is the integral of the valve's
+//! steps, whatever the plant calls the process. With a large one PV follows the steps. A negative lag is not that of a process: it is
+//! the controller seen backwards, where a load moves PV and OP follows.
+//!
+//! Source: integral equations, Whitfield & Messali, Int. J. Control 1987, 45, 1431. The thresholds are calibrated on simulated loops by
+//! `numerics/examples/opinions -- --calibrate`.
 
 use super::opinion::Band;
 use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, substitute, total};
 use crate::sysid::stats::range;
 use crate::sysid::valve::{Start, ValveModel};
 
-/// `lag` up to which the process integrates, and from which it does not (-).
+/// Thresholds of the lag (-): up to `sound` the process integrates, above `sticks` it does not.
 pub const BAND: Band = Band { sound: 0.1, sticks: 0.45 };
-/// Least `lag` of a process (-): a little below 0, since an integrator is measured with an error.
+/// Least lag of a process (-): a little below 0, because the lag of an integrator is estimated with an error.
 pub const LEAST_LAG: f64 = -0.1;
-/// Least share of the variance of y's changes that the equation has to explain (-).
+/// Least share of the variance of PV's changes that the equation must explain (-).
 pub const LEAST_FIT: f64 = 0.9;
-/// Longest delay tried, as a share of the period, and how many are tried.
+/// Longest delay tried, as a share of the period.
 const LONGEST_DELAY: f64 = 0.25;
+/// Number of delays tried.
 const DELAYS: usize = 10;
-/// Values of S tried up to OP's range, and beside the best of them (steps).
+/// Values of S tried, up to the range of OP.
 const BANDS: usize = 12;
+/// Values of S tried around the best of them, in steps.
 const BESIDE: [f64; 6] = [-0.75, -0.5, -0.25, 0.25, 0.5, 0.75];
 /// Values of J tried, as shares of S.
 const JUMPS: [f64; 3] = [0.0, 0.5, 1.0];
@@ -38,9 +42,9 @@ const JUMPS: [f64; 3] = [0.0, 0.5, 1.0];
 pub enum Integrates {
     /// PV integrates the valve's movement.
     Yes,
-    /// PV follows it.
+    /// PV follows the valve's movement.
     No,
-    /// It lies between, or OP explains too little of PV.
+    /// The lag lies between the thresholds, or OP explains too little of PV.
     #[default]
     Unknown,
 }
@@ -50,14 +54,14 @@ pub enum Integrates {
 pub struct Integration {
     /// The answer.
     pub answer: Integrates,
-    /// `1/(w tau)` (-); none where it was said or cannot be measured.
+    /// The lag `1/(w tau)` (-); none where the answer was given, or the lag cannot be estimated.
     pub lag: Option<f64>,
-    /// Share of the variance of y's changes that is explained (-).
+    /// Share of the variance of PV's changes that is explained (-).
     pub fit: f64,
 }
 
 impl Integration {
-    /// Why it is not known, for a method that has to know.
+    /// The reason why it is not known, for a method that needs it.
     pub fn why(&self) -> String {
         match self.lag {
             None => "it is not known whether the process integrates".into(),
@@ -75,11 +79,11 @@ impl Integration {
     }
 }
 
-/// What a loop's name tells, by the first letter of its instrument (ISA-5.1): levels integrate, flows do not; pressures,
-/// temperatures and analyses may do either.
+/// Whether the process of a loop integrates, by the first letter of the loop's name (ISA-5.1). Levels integrate and flows do not; of
+/// pressures, temperatures and analyses it is not known.
 ///
-/// `name`: as plants write it, with the area before it and numbers behind (`2111LIC31102B`, `FIC-101`, `10.FC.7`). The last word
-/// that may be a controller's is asked: an area before it may look like one (`FCC-LIC-201`).
+/// * `name`: as plants write it, with an area before it and numbers behind it (`2111LIC31102B`, `FIC-101`, `10.FC.7`). The last word
+///   that may be a controller's counts, because an area may look like one (`FCC-LIC-201`).
 pub fn told_by_name(name: &str) -> Option<bool> {
     let controls = |word: &&str| {
         (2..5).contains(&word.len()) && word.chars().skip(1).any(|letter| letter.eq_ignore_ascii_case(&'C'))
@@ -92,21 +96,21 @@ pub fn told_by_name(name: &str) -> Option<bool> {
     }
 }
 
-/// What tells it, as the methods see it.
+/// The signals that tell whether the process integrates.
 pub(super) struct Signals<'a> {
     /// OP, normalised.
     pub u: &'a [f64],
-    /// PV likewise.
+    /// PV, normalised.
     pub y: &'a [f64],
-    /// The measured stem likewise.
+    /// The measured stem, normalised.
     pub stem: Option<&'a [f64]>,
-    /// Where a stem is followed from.
+    /// The extremum of OP from which a stem is simulated.
     pub start: Start,
     /// Period of a regular oscillation (samples).
     pub period: Option<f64>,
 }
 
-/// Decides; `known` where somebody knows.
+/// Whether the process integrates. `known`: the answer where it is given.
 pub(super) fn integration(signals: &Signals<'_>, known: Option<bool>) -> Integration {
     if let Some(known) = known {
         let answer = if known { Integrates::Yes } else { Integrates::No };
@@ -127,7 +131,7 @@ pub(super) fn integration(signals: &Signals<'_>, known: Option<bool>) -> Integra
     Integration { answer, lag: Some(lag), fit }
 }
 
-/// `1/(w tau)` and the share explained by the best of the valves and delays tried.
+/// The lag `1/(w tau)` and the share explained (-), with the valve and the delay that fit best.
 fn measure(signals: &Signals<'_>, period: f64) -> Option<(f64, f64)> {
     let equation = Equation::new(signals.y, period)?;
     let (rate, left) = match signals.stem {
@@ -137,7 +141,7 @@ fn measure(signals: &Signals<'_>, period: f64) -> Option<(f64, f64)> {
     Some((rate * period / std::f64::consts::TAU, 1.0 - left))
 }
 
-/// The best valve of a grid of S, and of a finer one beside it.
+/// `1/tau` (per sample) and the share left unexplained (-), with the best valve of a grid of S and of a finer one around its best.
 fn best_valve(signals: &Signals<'_>, equation: &Equation) -> Option<(f64, f64)> {
     let (low, high) = range(signals.u);
     let step = (high - low) / (BANDS + 1) as f64;
@@ -173,9 +177,13 @@ fn best_valve(signals: &Signals<'_>, equation: &Equation) -> Option<(f64, f64)> 
 
 /// The integral equation of one PV.
 struct Equation {
+    /// L (samples).
     window: usize,
+    /// Longest delay (samples).
     longest: usize,
+    /// `y(t) - y(t - L)` at each row.
     changes: Vec<f64>,
+    /// `∫ y dt` at each row.
     areas: Vec<f64>,
 }
 
@@ -187,13 +195,13 @@ impl Equation {
         let first = y.len() - rows;
         let sums = running(y);
         let changes = (first..y.len()).map(|k| y[k] - y[k - window]).collect();
-        // By trapezoids: the noise of both ends counts half.
+        // By the trapezoidal rule, so that the noise of both ends counts half.
         let areas =
             (first..y.len()).map(|k| sums[k] - sums[k - window] + 0.5 * (y[k] - y[k - window])).collect();
         Some(Self { window, longest, changes, areas })
     }
 
-    /// 1/tau (per sample) and the share of the changes' variance left, at the best delay.
+    /// `1/tau` (per sample) and the share of the changes' variance left unexplained (-), at the best delay. `x`: a stem.
     fn best(&self, x: &[f64]) -> Option<(f64, f64)> {
         let sums = running(x);
         let rows = self.changes.len();
@@ -209,6 +217,7 @@ impl Equation {
             .min_by(|a, b| a.1.total_cmp(&b.1))
     }
 
+    /// The same for one delay, by least squares. `flows`: `∫ x(t - d) dt` at each row.
     fn solve(&self, flows: &[f64]) -> Option<(f64, f64)> {
         let (a, c) = (&self.areas, &self.changes);
         let n = c.len() as f64;

@@ -24,22 +24,25 @@ use crate::sysid::valve::batch::{Batch, LANES, Lane};
 use crate::sysid::valve::{Start, StopRule, ValveModel};
 use std::array::from_fn;
 
-const ME: Method = Method::Lee2008;
+const METHOD: Method = Method::Lee2008;
 /// Thresholds of the index (-): 0 is the authors' sound valve, fS = 0; the other is calibrated.
 pub const BAND: Band = Band { sound: 0.0, sticks: 0.23 };
 /// Longest delay (samples).
 const DELAYS: usize = 10;
-/// Values of S up to OP's range, and of J up to S. A slip that is a sample early in every cycle costs as much as no friction at
-/// all, so that the steps of S are smaller than what OP moves in a sample.
+/// Values of S, up to the range of OP. A slip that is one sample early in every cycle fits as badly as no friction, so that the steps
+/// of S are smaller than the move of OP in one sample.
 const COARSE: usize = 200;
+/// Values of J for each S, up to S.
 const JUMPS: usize = 5;
-/// Samples before the first extremum of OP at which the stem may have slipped for the last time; the grid knows the first.
+/// Samples before the first extremum of OP at which the stem may have slipped for the last time; the coarse grid uses the first.
 const BEFORE: [usize; 4] = [2, 0, 1, 4];
-/// The best of the grid around which finer ones are laid, their steps as shares of the first one's, and values on either side.
+/// Valves of the coarse grid around which finer grids are laid.
 const LEADERS: usize = 3;
+/// Steps of the finer grids, as shares of those of the coarse grid.
 const FINER: [f64; 3] = [0.5, 0.25, 0.12];
+/// Values on each side in a finer grid.
 const BESIDE: i32 = 1;
-/// Mean squared error that counts as none: what rounding leaves (of PV's variance).
+/// Mean squared error that is added to both losses, as a share of PV's variance (-): rounding leaves as much.
 const FLOOR: f64 = 1e-9;
 /// Fewest reversals of OP.
 const LEAST_REVERSALS: usize = 4;
@@ -59,16 +62,16 @@ pub struct Estimate {
     pub range: f64,
 }
 
-/// The best valve, and the grid that it was found in.
+/// The best valve, with the coarse grid that it was found in.
 struct Searched {
     estimate: Estimate,
-    /// Loss of a valve that follows OP.
+    /// Loss without friction.
     plain: f64,
-    /// The grid's valves, J by J, S ascending (OP in its standard deviations).
+    /// The valves of the coarse grid, by J, then by ascending S (standard deviations of OP).
     grid: Vec<Fitted>,
 }
 
-/// Searches; none where OP reverses too little.
+/// Searches for the best valve; none where OP reverses too seldom.
 fn search(facts: &Facts<'_>) -> Option<Searched> {
     if facts.region.reversals(0, facts.len()) < LEAST_REVERSALS {
         return None;
@@ -98,7 +101,7 @@ fn search(facts: &Facts<'_>) -> Option<Searched> {
     Some(Searched { estimate, plain, grid })
 }
 
-/// The best valve of the grid; none where OP reverses too little.
+/// The best valve; none where OP reverses too seldom.
 pub fn estimate(facts: &Facts<'_>) -> Option<Estimate> {
     Some(search(facts)?.estimate)
 }
@@ -123,7 +126,7 @@ pub(super) fn picture(facts: &Facts<'_>) -> Vec<Picture> {
     vec![Picture::new(title, "S (OP unit)", "error (% of that without friction)", layers)]
 }
 
-/// A valve of the grid and how well it fits.
+/// A valve of the grid, with its loss.
 #[derive(Clone, Copy)]
 struct Fitted {
     loss: f64,
@@ -134,6 +137,7 @@ struct Fitted {
 }
 
 impl Fitted {
+    /// The one with the smaller loss.
     fn or(self, other: Self) -> Self {
         if other.loss < self.loss { other } else { self }
     }
@@ -155,7 +159,7 @@ const COLUMNS: usize = 3 + DELAYS + 1 + 1;
 impl Models {
     fn new(facts: &Facts<'_>) -> Option<Self> {
         let n = facts.len();
-        // Where the stem was at the start is not known: the fit begins after a whole cycle, where the record has room for it.
+        // The position of the stem at the start is not known: the fit begins after one cycle, where the record is long enough.
         let after =
             facts.region.extrema.iter().map(|e| e.index).find(|at| *at > facts.start.index).unwrap_or(0);
         let again = facts.region.extrema.iter().map(|e| e.index).find(|at| *at > after).unwrap_or(0);
@@ -171,8 +175,8 @@ impl Models {
         })
     }
 
-    /// Valves of S and J as a share of S, each from the best of a few last slips before the extremum: no signal says which it was,
-    /// and a valve that slips in steps of J keeps it for good.
+    /// Fits valves, given by S and by J as a share of S. Each is simulated from a few samples of the last slip before the extremum, and
+    /// the best one is kept: no signal tells that sample, and a valve that slips in steps of J never forgets it.
     fn fitted(&mut self, facts: &Facts<'_>, valves: &[(f64, f64)], before: &[usize]) -> Vec<Fitted> {
         let none = |&(s, j): &(f64, f64)| Fitted { loss: f64::INFINITY, s, j, delay: 1 };
         let mut all: Vec<Fitted> = valves.iter().map(none).collect();
@@ -252,10 +256,10 @@ impl Models {
     }
 }
 
-/// What the method says.
+/// The opinion of the method.
 pub fn opinion(facts: &Facts<'_>) -> Opinion {
     let Some(found) = estimate(facts) else {
-        return Opinion::cannot_tell(ME, "OP reverses too little");
+        return Opinion::cannot_tell(METHOD, "OP reverses too little");
     };
     let percent = 100.0 / found.range;
     let why = format!(
@@ -264,5 +268,6 @@ pub fn opinion(facts: &Facts<'_>) -> Opinion {
         found.fd * percent,
         100.0 * (-found.index).exp()
     );
-    Opinion::of(ME, found.index, BAND, why).with(found.fs + found.fd, "dead band plus stick band S = fS + fD")
+    Opinion::of(METHOD, found.index, BAND, why)
+        .with(found.fs + found.fd, "dead band plus stick band S = fS + fD")
 }

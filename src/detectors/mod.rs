@@ -1,9 +1,18 @@
-//! What the published methods say of a valve, beside the program's own verdict: one file per method, named after its
-//! author and year. Pure: no clock, no files, no randomness.
+//! Twelve published methods for detecting a sticking valve, as second opinions on the program's own verdict. One file has one
+//! publication, and is named after its author and year. Pure: no clock, no files, no randomness.
 //!
-//! What all methods need is decided once, in [`Facts`]: whether and how fast the loop oscillates, whether its process
-//! integrates, and where the half cycles are. Each method then gives an [`Opinion`]; [`Agreement`] counts them.
-//! How often each is right is measured in `docs/benchmark.md`.
+//! [`Facts`] has what all methods need, computed once: the oscillation of OP and its period, whether the process integrates, and the
+//! half cycles of OP and PV. Each method then gives an [`Opinion`]; [`Agreement`] counts them. `docs/benchmark.md` measures how often
+//! each is right.
+//!
+//! | file | what it has |
+//! |---|---|
+//! | `facts.rs` | the properties that all methods need, from `oscillation.rs`, `integration.rs`, `half_cycles.rs` |
+//! | `<author><year>.rs`, `stem_loop.rs` | `evaluate` computes an index, `opinion` compares it with its thresholds, `picture` draws what was evaluated |
+//! | `opinion.rs` | the result of one method |
+//! | `agreement.rs` | how many methods agree, and whether they cast doubt on the verdict |
+//! | `picture.rs` | marks over two axes |
+//! | `tally.rs` | hits and misses over records whose truth is known |
 
 mod agreement;
 pub mod choudhury2006;
@@ -34,9 +43,12 @@ pub use picture::Picture;
 
 use crate::signal::Window;
 
-/// The opinion of every method on a window, in the order of [`Method::ALL`]; `integrates` where somebody knows it.
+/// The opinion of every method on a window, in the order of [`Method::ALL`].
 ///
-/// Values that are not finite, too few or without movement are no error: every method then cannot tell, and says why.
+/// Where the window cannot be used (too short, values that are not finite, signals that do not move), every method cannot tell, and
+/// its opinion has the reason.
+///
+/// * `integrates`: whether the process integrates, where that is known.
 pub fn opinions(window: &Window, integrates: Option<bool>) -> Vec<Opinion> {
     match Facts::new(window, integrates) {
         Ok(facts) => Method::ALL.into_iter().map(|method| opinion(method, &facts)).collect(),
@@ -44,12 +56,15 @@ pub fn opinions(window: &Window, integrates: Option<bool>) -> Vec<Opinion> {
     }
 }
 
-/// The methods that leave out the rows that were not measured: those of the stem and of the program's own fit. To all others
-/// what stands there is a measurement.
+/// The methods that leave out rows that were not measured. All others take the values that were filled in for measurements.
 const LEAVE_OUT: [Method; 2] = [Method::StemLoop, Method::Srinivasan2005D];
 
-/// Whether a method can be asked about rows of which some were not measured.
+/// Whether a method can be used, given how often the oscillation was sampled and how many rows were not measured; otherwise the
+/// reason. All methods but the measured stem's need the path of OP between its turns.
 fn can_be_asked(method: Method, facts: &Facts<'_>) -> Result<(), String> {
+    if let Some(why) = facts.undersampled.as_ref().filter(|_| method != Method::StemLoop) {
+        return Err(why.clone());
+    }
     if LEAVE_OUT.contains(&method) { Ok(()) } else { facts.measured() }
 }
 
@@ -74,7 +89,7 @@ pub fn opinion(method: Method, facts: &Facts<'_>) -> Opinion {
     }
 }
 
-/// What a method looked at; nothing where it does not apply.
+/// Pictures of what a method evaluated; none where it does not apply.
 pub fn picture(method: Method, facts: &Facts<'_>) -> Vec<Picture> {
     if can_be_asked(method, facts).is_err() {
         return Vec::new();

@@ -1,4 +1,4 @@
-//! What a method says, and what it rests on.
+//! The opinion of one method on a valve: its answer, its index and thresholds, and its reason.
 
 /// A method of the literature.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -69,7 +69,7 @@ impl Method {
         Self::ALL.into_iter().find(|method| method.as_str() == name)
     }
 
-    /// What people call it: who, when, what it looks at.
+    /// Its title: author, year, and what it evaluates.
     pub fn title(self) -> &'static str {
         match self {
             Method::StemLoop => "Measured stem against OP",
@@ -88,12 +88,12 @@ impl Method {
     }
 }
 
-/// What a method says of the valve.
+/// The answer of a method.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Says {
     /// The valve sticks.
     Sticks,
-    /// What oscillates is not the valve.
+    /// The valve does not stick: the oscillation has another cause.
     Sound,
     /// The method does not apply here, or its index lies between its thresholds.
     CannotTell,
@@ -113,24 +113,24 @@ impl Says {
 /// The thresholds of an index that is larger the more a valve sticks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Band {
-    /// Largest index of a sound valve; minus infinity where no index clears a valve.
+    /// Largest index at which a valve is sound (-); minus infinity for an index that never says so.
     pub sound: f64,
-    /// Least index of one that sticks.
+    /// Index above which a valve sticks (-). Between the two the method cannot tell.
     pub sticks: f64,
 }
 
 impl Band {
-    /// One threshold, which leaves no doubt.
+    /// One threshold for both answers.
     pub const fn at(threshold: f64) -> Self {
         Self { sound: threshold, sticks: threshold }
     }
 
-    /// A threshold for valves that stick, of an index that clears none.
+    /// A threshold above which a valve sticks, of an index that never says that a valve is sound.
     pub const fn above(sticks: f64) -> Self {
         Self { sound: f64::NEG_INFINITY, sticks }
     }
 
-    /// What an index says.
+    /// The answer for an index.
     pub fn says(self, index: f64) -> Says {
         if index > self.sticks {
             Says::Sticks
@@ -142,7 +142,7 @@ impl Band {
     }
 }
 
-/// What a method measures beside its index.
+/// A quantity that a method measures beside its index.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quantity {
     /// Its value.
@@ -153,33 +153,33 @@ pub struct Quantity {
     pub measures: &'static str,
 }
 
-/// The unit of what is measured along OP.
+/// The unit of quantities along OP.
 pub const OP_UNIT: &str = "OP unit";
 
-/// What a method says, and what it rests on.
+/// The opinion of one method.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Opinion {
-    /// Whose.
+    /// The method.
     pub method: Method,
-    /// What it says.
+    /// Its answer.
     pub says: Says,
     /// Its index (-); none where it does not apply.
     pub index: Option<f64>,
     /// The thresholds of the index.
     pub threshold: Option<Band>,
-    /// What it measures.
+    /// The quantity that it measures.
     pub quantity: Option<Quantity>,
-    /// Why, in one line.
+    /// The reason in one line.
     pub why: String,
 }
 
 impl Opinion {
-    /// Nothing, and why.
+    /// An opinion without an answer, with the reason.
     pub fn cannot_tell(method: Method, why: impl Into<String>) -> Self {
         Self { method, says: Says::CannotTell, index: None, threshold: None, quantity: None, why: why.into() }
     }
 
-    /// What an index says; nothing where it is no number.
+    /// The opinion for an index; without an answer where the index is not a number.
     pub fn of(method: Method, index: f64, band: Band, why: impl Into<String>) -> Self {
         if !index.is_finite() {
             return Self::cannot_tell(method, "the index is not a number");
@@ -194,13 +194,13 @@ impl Opinion {
         }
     }
 
-    /// The same with a measured quantity along OP.
+    /// The same with a measured quantity along OP (OP unit).
     pub fn with(mut self, value: f64, measures: &'static str) -> Self {
         self.quantity = value.is_finite().then_some(Quantity { value, unit: OP_UNIT, measures });
         self
     }
 
-    /// The same without an answer.
+    /// The same without an answer, with another reason.
     pub fn but_cannot_tell(mut self, why: impl Into<String>) -> Self {
         self.says = Says::CannotTell;
         self.why = why.into();

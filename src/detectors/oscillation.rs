@@ -1,5 +1,6 @@
-//! Whether OP oscillates regularly, and how fast: by the zero crossings of its autocovariance, in which noise stands at lag 0
-//! alone. `diagnosis::region` asks the same of the zero crossings of OP itself, which needs fewer periods; the larger r counts.
+//! The oscillation of OP, its period and its regularity r, by the zero crossings of its autocovariance: white noise enters that at lag 0
+//! alone. `diagnosis::region` computes the same from the zero crossings of OP itself, which needs fewer periods; [`super::Facts`] takes
+//! the one with the larger r.
 //!
 //! ```text
 //! a(l) = sum c[k] c[k + l]           c: OP less its mean over two typical periods around each sample
@@ -7,8 +8,8 @@
 //! period = 2 mean(T)
 //! ```
 //!
-//! Source: Thornhill, Huang & Zhang, J. Process Control 2003, 13, 91; the threshold is theirs. Chosen here: six
-//! intervals are enough where the record has no ten, and the lags end at half the record.
+//! Source: Thornhill, Huang & Zhang, J. Process Control 2003, 13, 91, with their threshold. Chosen here: six intervals are enough where
+//! the record has no ten, and the lags end at half the record.
 
 use super::half_cycles::centre;
 use crate::sysid::least_squares::dot;
@@ -16,20 +17,21 @@ use crate::sysid::stats::{mean, sd};
 
 /// r from which an oscillation is regular (-).
 pub const REGULAR: f64 = 1.0;
-/// Intervals between zero crossings that are judged, and fewest of them.
+/// Most intervals between zero crossings that are used.
 const INTERVALS: usize = 10;
+/// Fewest of them.
 const LEAST_INTERVALS: usize = 6;
 
-/// A regular oscillation, or none.
+/// An oscillation, regular or not.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cycle {
     /// Period (samples).
     pub period: f64,
-    /// r (-).
+    /// Regularity r (-): above [`REGULAR`] it is regular.
     pub regularity: f64,
 }
 
-/// The oscillation of `u`, whose typical period is about so many samples; none with too few zero crossings.
+/// The oscillation of `u`; none with too few zero crossings. `typical`: its period, roughly (samples).
 pub fn cycle(u: &[f64], typical: f64) -> Option<Cycle> {
     let c = centre(u, 2.0 * typical);
     let n = c.len();
@@ -50,7 +52,7 @@ pub fn cycle(u: &[f64], typical: f64) -> Option<Cycle> {
         return None;
     }
     let m = mean(&intervals);
-    // A perfectly regular record stays a number.
+    // The spread of equal intervals is 0: r stays finite.
     Some(Cycle { period: 2.0 * m, regularity: m / (3.0 * sd(&intervals)).max(1e-3 * m) })
 }
 

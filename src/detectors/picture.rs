@@ -1,7 +1,7 @@
-//! What a method looked at when it formed its opinion, as marks over two axes: numbers, no colours and no pixels.
+//! Pictures of what a method evaluated, as marks over two axes: numbers, without colours and pixels.
 //!
-//! Each method's file makes its own pictures from the very values that its opinion rests on. A picture is bounded in size:
-//! of long curves at most [`MOST_POINTS`] points are kept, evenly taken.
+//! Each method makes its pictures of the values behind its opinion. A picture is bounded in size: of a long curve at most
+//! [`MOST_POINTS`] points are kept, evenly spaced.
 
 use super::facts::Facts;
 
@@ -13,13 +13,13 @@ const PERIODS: f64 = 6.0;
 /// A picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
-    /// What it shows, in a line.
+    /// What it shows, in one line.
     pub title: String,
-    /// To the right.
+    /// The horizontal axis.
     pub x: Axis,
-    /// Upwards.
+    /// The vertical axis.
     pub y: Axis,
-    /// From back to front.
+    /// The layers from back to front.
     pub layers: Vec<Layer>,
 }
 
@@ -45,16 +45,16 @@ pub struct Layer {
     pub mark: Mark,
 }
 
-/// What marks stand for.
+/// The meaning of marks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Tone {
-    /// What was measured.
+    /// Measured values.
     Data,
-    /// Something measured beside it.
+    /// Other measured values, drawn beside them.
     Beside,
-    /// What a valve that sticks would make of it.
+    /// The shape that a sticking valve would give them.
     Sticks,
-    /// What anything else would make of it.
+    /// The shape that another cause would give them.
     Sound,
     /// A limit or a result.
     Mark,
@@ -191,14 +191,14 @@ impl Layer {
     }
 }
 
-/// Every so many of the points that [`MOST_POINTS`] are left at most; what is not finite goes.
+/// The points that are finite, evenly thinned to at most [`MOST_POINTS`].
 fn thinned(mut points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
     points.retain(|(x, y)| x.is_finite() && y.is_finite());
     let every = points.len().div_ceil(MOST_POINTS).max(1);
     points.into_iter().step_by(every).collect()
 }
 
-/// The samples of which curves over time are drawn: a few periods in the middle of the record, all where it has no period.
+/// The samples of which curves over time are drawn: a few periods in the middle of the record, or all without a period.
 pub(super) fn excerpt(facts: &Facts<'_>) -> std::ops::Range<usize> {
     let n = facts.len();
     let wanted = facts.oscillates().map_or(n, |period| (PERIODS * period).ceil() as usize).min(n);

@@ -1,22 +1,23 @@
 //! Srinivasan, Rengaswamy, Narasimhan & Miller 2005: shapes by dynamic time warping (part 1), and a Hammerstein model with
 //! one parameter (part 2).
 //!
-//! Part 1: each period is warped onto templates, and belongs to the nearest. OP of a self-regulating process: triangle
-//! (sticks) or sine (does not); its PV: square or sine; PV of one that integrates: triangle or sine.
+//! Part 1: each period is warped onto two templates, and has the shape of the nearer one. A sticking valve makes a triangle of OP and
+//! a square wave of PV where the process is self-regulating, and a triangle of PV where it integrates. Other causes make sines.
 //!
 //! ```text
 //! D[i][j] = (v_i - t_j)² + min(D[i-1][j], D[i][j-1], D[i-1][j-1])       |i - j| <= W, both of unit variance
-//! index = share of the periods nearer to the shape of a valve that sticks
+//! index = share of the periods with the shape of a sticking valve
 //! ```
 //!
 //! Part 2: the stem jumps to OP whenever OP is more than d away, `x[k] = x[k-1] if |u[k] - x[k-1]| <= d, u[k] otherwise`;
 //! d (OP unit) with the least loss of a linear model behind it, as the program reports it (`d`). The index is d as a share of
 //! OP's range.
 //!
-//! Source: Ind. Eng. Chem. Res. 2005, 44, 6708 (part 1) and 6719 (part 2). Chosen here: 40 points a period, W = 2. A
-//! d of 0 is the authors' sound valve; the other thresholds are not in the papers and are calibrated on simulated loops by `numerics/examples/opinions -- --calibrate`.
-//! Limits: warping makes triangles of noisy sines; loads of these shapes look like a valve. d says little of S, and is 0
-//! for a pure dead band.
+//! Source: Ind. Eng. Chem. Res. 2005, 44, 6708 (part 1) and 6719 (part 2). Chosen here: 40 points a period, W = 2. A valve with d = 0
+//! is the authors' sound valve; the other thresholds are not in the papers, and are calibrated on simulated loops by
+//! `numerics/examples/opinions -- --calibrate`.
+//! Limits: warping makes triangles of noisy sines; loads of these shapes look like a valve; d tells little of S, and is 0 for a pure
+//! dead band.
 
 use super::facts::Facts;
 use super::half_cycles::{Cycles, sine, triangle};
@@ -30,8 +31,9 @@ use crate::sysid::stats::{mean, sd};
 pub const BY_SHAPE: Band = Band { sound: 0.09, sticks: 0.83 };
 /// Thresholds of d as a share of OP's range (-): 0 is the authors' sound valve, the other is calibrated.
 pub const BY_D: Band = Band { sound: 0.0, sticks: 0.58 };
-/// Points of a period, and how far they may be warped.
+/// Points of a period.
 const POINTS: usize = 40;
+/// W: how far a point may be warped (points).
 const WARP: usize = 2;
 /// Fewest periods.
 const LEAST_PERIODS: usize = 3;
@@ -48,7 +50,7 @@ pub enum Shape {
 }
 
 impl Shape {
-    /// What it is called.
+    /// Its name.
     pub fn name(self) -> &'static str {
         match self {
             Shape::Sine => "sine",
@@ -57,7 +59,7 @@ impl Shape {
         }
     }
 
-    /// Its points, of unit variance, from an upward crossing on.
+    /// Its points, with zero mean and unit variance, from an upward zero crossing on.
     pub fn points(self) -> Vec<f64> {
         let of = |i: usize| -> f64 {
             let turn = 2.0 * (i as f64 + 0.5) / POINTS as f64;
@@ -72,12 +74,13 @@ impl Shape {
     }
 }
 
+/// The values with zero mean and unit variance.
 fn unit(v: Vec<f64>) -> Vec<f64> {
     let (m, s) = (mean(&v), sd(&v).max(1e-12));
     v.into_iter().map(|x| (x - m) / s).collect()
 }
 
-/// The warped distance of two periods.
+/// The distance of two periods by dynamic time warping.
 pub fn distance(v: &[f64], t: &[f64]) -> f64 {
     let mut above = vec![f64::INFINITY; t.len() + 1];
     above[0] = 0.0;
@@ -91,7 +94,7 @@ pub fn distance(v: &[f64], t: &[f64]) -> f64 {
     above[t.len()]
 }
 
-/// The periods of a signal, each resampled, from an upward crossing on.
+/// The periods of a signal from an upward zero crossing on, each resampled to [`POINTS`] points.
 fn periods(cycles: &Cycles) -> Vec<Vec<f64>> {
     let at = |t: f64| -> f64 {
         let k = (t.floor() as usize).min(cycles.centred.len() - 1);
@@ -105,16 +108,17 @@ fn periods(cycles: &Cycles) -> Vec<Vec<f64>> {
     pairs.map(|pair| points(pair[0].from, pair[1].to)).collect()
 }
 
-/// How many of the periods are nearer to `shape` than to a sine.
+/// The number of periods that are nearer to `shape` than to a sine.
 fn votes(periods: &[Vec<f64>], shape: Shape) -> usize {
     let (shape, sine) = (shape.points(), Shape::Sine.points());
     periods.iter().filter(|v| distance(v, &shape) < distance(v, &sine)).count()
 }
 
-/// What part 1 looks at: a signal's name, the shape that a valve that sticks gives it, and its periods.
+/// What part 1 evaluates: the name of a signal, the shape that a sticking valve gives it, and its periods.
 type Asked = (&'static str, Shape, Vec<Vec<f64>>);
 
-fn look_shape(facts: &Facts<'_>) -> Result<Vec<Asked>, String> {
+/// Evaluates part 1.
+fn evaluate_shape(facts: &Facts<'_>) -> Result<Vec<Asked>, String> {
     facts.oscillates()?;
     let asked: &[(&'static str, &Cycles, Shape)] = match facts.integration.answer {
         Integrates::No => &[("OP", &facts.op, Shape::Triangle), ("PV", &facts.pv, Shape::Square)],
@@ -153,32 +157,32 @@ pub(super) fn picture_shape(facts: &Facts<'_>) -> Vec<Picture> {
         );
         Picture::new(title, "phase (-)", "standard deviations", layers)
     };
-    look_shape(facts).into_iter().flatten().map(one).collect()
+    evaluate_shape(facts).into_iter().flatten().map(one).collect()
 }
 
-/// What part 1 says.
+/// The opinion of part 1.
 pub fn opinion_shape(facts: &Facts<'_>) -> Opinion {
-    const ME: Method = Method::Srinivasan2005Shape;
-    let asked = match look_shape(facts) {
+    const METHOD: Method = Method::Srinivasan2005Shape;
+    let asked = match evaluate_shape(facts) {
         Ok(asked) => asked,
-        Err(why) => return Opinion::cannot_tell(ME, why),
+        Err(why) => return Opinion::cannot_tell(METHOD, why),
     };
     let sticking: usize = asked.iter().map(|(_, shape, periods)| votes(periods, *shape)).sum();
     let count: usize = asked.iter().map(|(.., periods)| periods.len()).sum();
     let index = sticking as f64 / count as f64;
-    Opinion::of(ME, index, BY_SHAPE, format!("{sticking} of {count} periods of a valve's shape"))
+    Opinion::of(METHOD, index, BY_SHAPE, format!("{sticking} of {count} periods of a valve's shape"))
 }
 
-/// d (OP unit): part 2.
-fn look_d(facts: &Facts<'_>) -> Result<f64, String> {
+/// Evaluates part 2: d (OP unit).
+fn evaluate_d(facts: &Facts<'_>) -> Result<f64, String> {
     let (problem, scale) =
         verdict::pose(&facts.window, &facts.region, &Settings::default()).map_err(|why| why.to_string())?;
     Ok(verdict::best_d(&problem) * scale.u)
 }
 
-/// OP, and the stem that d makes of it, over time.
+/// OP and the simulated stem over time.
 pub(super) fn picture_d(facts: &Facts<'_>) -> Vec<Picture> {
-    let Ok(d) = look_d(facts) else { return Vec::new() };
+    let Ok(d) = evaluate_d(facts) else { return Vec::new() };
     let op = &facts.window.op;
     let mut stem = op.first().copied().unwrap_or(0.0);
     let jumping: Vec<f64> = op
@@ -199,13 +203,14 @@ pub(super) fn picture_d(facts: &Facts<'_>) -> Vec<Picture> {
     vec![Picture::new(title, "time (s)", "OP unit", layers)]
 }
 
-/// What part 2 says.
+/// The opinion of part 2.
 pub fn opinion_d(facts: &Facts<'_>) -> Opinion {
-    const ME: Method = Method::Srinivasan2005D;
-    let d = match look_d(facts) {
+    const METHOD: Method = Method::Srinivasan2005D;
+    let d = match evaluate_d(facts) {
         Ok(d) => d,
-        Err(why) => return Opinion::cannot_tell(ME, why),
+        Err(why) => return Opinion::cannot_tell(METHOD, why),
     };
     let index = d / (facts.op_range() * facts.unit);
-    Opinion::of(ME, index, BY_D, format!("d is {:.0} % of OP's range", 100.0 * index)).with(d, "stick band d")
+    Opinion::of(METHOD, index, BY_D, format!("d is {:.0} % of OP's range", 100.0 * index))
+        .with(d, "stick band d")
 }

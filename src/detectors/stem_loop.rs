@@ -1,21 +1,21 @@
-//! The loop of OP and the measured stem: the reference for every method that has to guess the stem.
+//! The loop of OP and the measured stem: the reference for all methods that do not measure the stem.
 //!
 //! ```text
 //! m[k] = a + b x[k - n] + e[k]          x: OP through a valve with S and J
-//! (S, J, n) with the least sum of e²    index = 1 - V / V_0        V_0: of a valve that follows OP
+//! (S, J, n) with the least sum of e²    index = 1 - V / V_0        V_0: V of a valve without friction
 //! ```
 //!
-//! m: measured stem (its unit), x (OP unit), n: samples by which the stem is late; S: dead band plus stick band, J: slip jump
-//! (OP unit); V: mean square of e; index: the share that friction explains of what a line leaves (-).
+//! m: measured stem (its unit); x: simulated stem (OP unit); n: delay (samples); S: dead band plus stick band, J: slip jump (OP
+//! unit); V: mean square of e; index: share of V_0 that friction explains (-).
 //!
-//! b may be negative: the position of a valve that opens without air is often measured in per cent open. Rows at which OP or PV
-//! was not measured are left out, and where the best valve leaves most of the stem's movement nothing is said: something else
-//! moves it, or only its sensor's noise does.
+//! b may be negative: the position of a valve that opens without air is often measured in per cent open. Rows at which OP or PV was
+//! not measured are left out. The method cannot tell where the best valve leaves most of the stem's variance: then something other
+//! than OP moves the stem, or its signal is only sensor noise.
 //!
 //! Source: the valve is that of Choudhury, Thornhill & Shah, Control Eng. Practice 2005, 13, 641; the thresholds are
 //! calibrated on simulated loops by `numerics/examples/opinions -- --calibrate`.
-//! Limits: a positioner that is slow, or a stem that is stored as OP, has no loop; a lag of the positioner beyond the delays
-//! tried widens it.
+//! Limits: a stem signal that is a copy of OP shows no loop, and a slow positioner hides it; a positioner that lags by more than the
+//! delays tried widens it.
 
 use super::facts::Facts;
 use super::opinion::{Band, Method, Opinion};
@@ -26,63 +26,64 @@ use crate::sysid::stats::mean;
 use crate::sysid::valve::{StopRule, ValveModel};
 use std::ops::Range;
 
-const ME: Method = Method::StemLoop;
+const METHOD: Method = Method::StemLoop;
 /// Thresholds of the index, calibrated (-): 95 % of the sound valves lie below 0.01, 95 % of the sticking above 0.5.
 pub const BAND: Band = Band { sound: 0.1, sticks: 0.3 };
 /// Longest delay of the stem (samples).
 const DELAYS: usize = 3;
-/// Values of S up to OP's range, and of J up to S.
+/// Values of S, up to the range of OP.
 const BANDS: usize = 40;
+/// Values of J for each S, up to S.
 const JUMPS: usize = 4;
-/// Steps of OP up to which it has stopped, as a share of its range.
+/// Step of OP below which OP has stopped, as a share of its range.
 const RESOLUTION: f64 = 1e-4;
-/// What a line may leave of the stem's variance before nothing is left to explain (-).
+/// Share of the stem's variance that is added to V and V_0 (-): below it, nothing is left to explain.
 const FLOOR: f64 = 1e-6;
-/// Share of the stem's variance that the best valve may leave (-): above it more of the stem's movement is something else's than
-/// OP's, as the noise of the sensor on a stem that has seized.
+/// Largest share of the stem's variance that the best valve may leave (-): above it OP moves less of the stem than something else
+/// does, such as the noise of the sensor on a seized stem.
 const MOST_LEFT: f64 = 0.5;
-/// Mean square below which a signal stands still in the rows that count, in its variance over all rows (-): far above rounding,
-/// far below what any sensor resolves.
+/// Variance in the rows that count below which a signal does not move, as a share of its variance over all rows (-): far above
+/// rounding, and far below the resolution of any sensor.
 const STILL: f64 = 1e-9;
 
-/// S and J (unit of `u`), and the index.
+/// The valve that fits best, S and J in standard deviations of OP, with the index.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Loop {
     /// Dead band plus stick band.
     pub s: f64,
     /// Slip jump.
     pub j: f64,
-    /// What the stem does where OP stops.
+    /// When the stem rests.
     pub rule: StopRule,
-    /// Share explained (-).
+    /// The index (-).
     pub index: f64,
-    /// Share of the stem's variance that this valve leaves (-).
+    /// V as a share of the stem's variance (-).
     pub left: f64,
 }
 
 impl Loop {
-    /// The valve that was fitted.
+    /// The fitted valve.
     fn valve(&self, facts: &Facts<'_>) -> ValveModel {
-        ValveModel { s: self.s, j: self.j, ..plain(facts, self.rule) }
+        ValveModel { s: self.s, j: self.j, ..frictionless(facts, self.rule) }
     }
 }
 
-/// A valve without friction that knows when OP has stopped.
-fn plain(facts: &Facts<'_>, rule: StopRule) -> ValveModel {
+/// A valve without friction, with the resolution below which OP has stopped.
+fn frictionless(facts: &Facts<'_>, rule: StopRule) -> ValveModel {
     ValveModel { rule, resolution: RESOLUTION * facts.op_range(), ..ValveModel::default() }
 }
 
-/// Fits the valve to a stem.
+/// Fits a valve to a measured stem, over a grid of S and J and a finer grid around its best.
 pub fn fit(facts: &Facts<'_>, stem: &[f64]) -> Loop {
     let runs = measured(facts);
-    let without = left(&facts.u, stem, &runs);
+    let without = unexplained(&facts.u, stem, &runs);
     let mut best = (without, 0.0, 0.0, StopRule::Stop);
     let (mut x, mut dir) = (Vec::new(), Vec::new());
     let mut offer = |s: f64, j: f64, best: &mut (f64, f64, f64, StopRule)| {
         for rule in [StopRule::Stop, StopRule::Slip] {
-            let valve = ValveModel { s, j, ..plain(facts, rule) };
+            let valve = ValveModel { s, j, ..frictionless(facts, rule) };
             valve.run(&facts.u, facts.start, facts.len(), &mut x, &mut dir);
-            let left = left(&x, stem, &runs);
+            let left = unexplained(&x, stem, &runs);
             if left < best.0 {
                 *best = (left, s, j, rule);
             }
@@ -108,7 +109,7 @@ pub fn fit(facts: &Facts<'_>, stem: &[f64]) -> Loop {
     Loop { s, j, rule, index: 1.0 - (left + FLOOR) / (without + FLOOR), left }
 }
 
-/// The stretches of rows at which OP and PV were measured.
+/// The runs of rows at which OP and PV were measured.
 fn measured(facts: &Facts<'_>) -> Vec<Range<usize>> {
     let mut runs: Vec<Range<usize>> = Vec::new();
     for k in (0..facts.len()).filter(|k| facts.window.row(*k) != Row::Missing) {
@@ -120,8 +121,8 @@ fn measured(facts: &Facts<'_>) -> Vec<Range<usize>> {
     runs
 }
 
-/// Share of the stem's variance that a line of `x`, some samples late, leaves: in stretches of rows, all within `x`.
-fn left(x: &[f64], stem: &[f64], runs: &[Range<usize>]) -> f64 {
+/// Share of the stem's variance that a regression on `x` leaves, at the best delay (-), over the rows in `runs`.
+fn unexplained(x: &[f64], stem: &[f64], runs: &[Range<usize>]) -> f64 {
     (0..=DELAYS)
         .map(|delay| {
             let (mut count, mut sx, mut sm, mut xx, mut mm, mut xm) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
@@ -131,7 +132,7 @@ fn left(x: &[f64], stem: &[f64], runs: &[Range<usize>]) -> f64 {
                 (sx, sm) = (sx + total(x), sm + total(m));
                 (xx, mm, xm) = (xx + dot(x, x), mm + dot(m, m), xm + dot(x, m));
             }
-            // Of no row at all these are no numbers, and compare as false.
+            // Without any row these are NaN, and compare as false.
             let (xx, mm, xm) = (xx - sx * sx / count, mm - sm * sm / count, xm - sx * sm / count);
             let moves = xx > STILL * count && mm > STILL * count;
             if moves { (1.0 - xm * xm / (xx * mm)).max(0.0) } else { 1.0 }
@@ -139,16 +140,16 @@ fn left(x: &[f64], stem: &[f64], runs: &[Range<usize>]) -> f64 {
         .fold(1.0, f64::min)
 }
 
-/// The loop of OP and the stem, and the stem that the fitted valve would make.
+/// The measured stem against OP, with the stem of the fitted valve.
 pub(super) fn picture(facts: &Facts<'_>) -> Vec<Picture> {
     let Some(stem) = &facts.stem else { return Vec::new() };
     let found = fit(facts, stem);
     let (mut x, mut dir) = (Vec::new(), Vec::new());
     found.valve(facts).run(&facts.u, facts.start, facts.len(), &mut x, &mut dir);
-    // The line of the fitted stem and the measured one, on which the misfit is judged, in the rows in which it is.
+    // The regression of the measured stem on the fitted one, over the same rows as the fit.
     let rows: Vec<usize> = measured(facts).into_iter().flatten().collect();
-    let judged = |v: &[f64]| rows.iter().map(|k| v[*k]).collect::<Vec<f64>>();
-    let (of_x, of_stem) = (judged(&x), judged(stem));
+    let at_rows = |v: &[f64]| rows.iter().map(|k| v[*k]).collect::<Vec<f64>>();
+    let (of_x, of_stem) = (at_rows(&x), at_rows(stem));
     let (mx, my) = (mean(&of_x), mean(&of_stem));
     let slope = {
         let moved = of_x.iter().zip(&of_stem).map(|(x, m)| (x - mx) * (m - my)).sum::<f64>();
@@ -165,16 +166,18 @@ pub(super) fn picture(facts: &Facts<'_>) -> Vec<Picture> {
     vec![Picture::new(title, "OP (standard deviations)", "stem (standard deviations)", layers)]
 }
 
-/// What the loop says.
+/// The opinion of the method.
 pub fn opinion(facts: &Facts<'_>) -> Opinion {
-    let Some(stem) = &facts.stem else { return Opinion::cannot_tell(ME, "no stem that moves is measured") };
+    let Some(stem) = &facts.stem else {
+        return Opinion::cannot_tell(METHOD, "no stem that moves is measured");
+    };
     let found = fit(facts, stem);
     if found.left > MOST_LEFT {
         let left = 100.0 * found.left;
         let why = format!(
             "neither OP nor a valve behind it moves the stem: they leave {left:.0} % of its variance"
         );
-        return Opinion::cannot_tell(ME, why);
+        return Opinion::cannot_tell(METHOD, why);
     }
     let percent = 100.0 / facts.op_range();
     let why = format!(
@@ -183,7 +186,7 @@ pub fn opinion(facts: &Facts<'_>) -> Opinion {
         found.j * percent,
         100.0 * found.index
     );
-    Opinion::of(ME, found.index, BAND, why).with(found.s * facts.unit, "dead band plus stick band S")
+    Opinion::of(METHOD, found.index, BAND, why).with(found.s * facts.unit, "dead band plus stick band S")
 }
 
 #[cfg(test)]

@@ -1,26 +1,26 @@
-//! How often somebody who judges valves is right, counted on records whose truth is known.
+//! Hits and misses of a method, counted over records whose truth is known.
 
 use super::opinion::Says;
 
-/// What was said of valves that stick and of sound ones.
+/// Answers on sticking and on sound valves.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Tally {
-    /// Sticks, and said to.
+    /// Sticking valves with the answer that they stick.
     pub found: usize,
-    /// Sticks, and said to be sound.
+    /// Sticking valves with the answer that they are sound.
     pub missed: usize,
-    /// Sticks, and nothing said.
+    /// Sticking valves without an answer.
     pub silent_sticky: usize,
-    /// Sound, and said to be.
+    /// Sound valves with the answer that they are sound.
     pub cleared: usize,
-    /// Sound, and said to stick.
+    /// Sound valves with the answer that they stick.
     pub alarms: usize,
-    /// Sound, and nothing said.
+    /// Sound valves without an answer.
     pub silent_sound: usize,
 }
 
 impl Tally {
-    /// Counts one.
+    /// Counts one answer on a valve of which it is known whether it sticks.
     pub fn add(&mut self, sticky: bool, says: Says) {
         let to = match (sticky, says) {
             (true, Says::Sticks) => &mut self.found,
@@ -33,28 +33,28 @@ impl Tally {
         *to += 1;
     }
 
-    /// Valves that stick.
+    /// Number of sticking valves.
     pub fn sticky(&self) -> usize {
         self.found + self.missed + self.silent_sticky
     }
 
-    /// Sound ones.
+    /// Number of sound valves.
     pub fn sound(&self) -> usize {
         self.cleared + self.alarms + self.silent_sound
     }
 
-    /// What was said rightly.
+    /// Number of right answers.
     pub fn right(&self) -> usize {
         self.found + self.cleared
     }
 
-    /// What was said at all.
+    /// Number of answers.
     pub fn told(&self) -> usize {
         self.right() + self.missed + self.alarms
     }
 }
 
-/// The 95 % interval (0..1) of a share of `hits` in `of`; none of nothing.
+/// Wilson's 95 % interval (0..1) of a share of `hits` in `of`; none where `of` is 0.
 ///
 /// ```text
 /// (p + z²/2n ± z sqrt(p (1 - p)/n + z²/4n²)) / (1 + z²/n)        z = 1.96, p = hits/n
@@ -71,7 +71,7 @@ pub fn wilson(hits: usize, of: usize) -> Option<[f64; 2]> {
     Some([(middle - half).clamp(0.0, 1.0), (middle + half).clamp(0.0, 1.0)])
 }
 
-/// The value below which a share (0..1) of the values lie; none of none.
+/// The value below which a share (0..1) of the values lie; none without values.
 pub fn quantile(values: &[f64], share: f64) -> Option<f64> {
     let mut values = values.to_vec();
     values.sort_by(f64::total_cmp);

@@ -1,7 +1,7 @@
 //! Yamashita 2006: qualitative shapes in the plot of OP against the stem.
 //!
-//! The changes of OP and stem, in their standard deviations, become symbols: I (increases), S (steady), D (decreases).
-//! `XY` means OP X, stem Y. A valve that sticks is in IS and DS, and leaves them as a stem that slips would.
+//! The changes of OP and stem become symbols: I (increasing), S (steady), D (decreasing). `XY` is the state in which OP does X and the
+//! stem Y. A valve that sticks is in IS or DS, and leaves them as a stem that slips does.
 //!
 //! ```text
 //! rho_1 = (t_IS + t_DS) / (t - t_SS)
@@ -9,15 +9,15 @@
 //! rho_3 = rho_1 - (t of IS DD, IS DI, IS SD, IS ID, IS DS, DS DI, DS SI, DS ID, DS II, DS IS) / (t - t_SS)
 //! ```
 //!
-//! The stem is turned round first where it moves against OP, and PV for it where the process gain is negative: the states tell
-//! one way from the other. The gain's sign is that which the controller tells (`sysid::gain_sign`), else the sign of the
-//! correlation with OP behind the best dead band (`kano2004`).
+//! t: number of samples; t_XY: those in state XY; t of `XY ZW`: those in runs of XY that are followed by ZW. rho_3 (-) is the index:
+//! above 0.25 the valve sticks. Unrelated signals give 0.25, two of eight states.
 //!
-//! t: samples; t_XY of them in that state, t of `XY ZW` in runs of XY that ZW ends. rho_3 (-) is the index: above 0.25 the
-//! valve sticks. 0.25 is what signals without any relation give: two of eight states.
+//! The states distinguish directions. So the sign of a stem that moves against OP is reversed first, and that of PV in place of a stem
+//! where the process gain is negative. The sign of the gain is the one that the controller tells (`sysid::gain_sign`), otherwise that
+//! of the correlation with OP behind the best dead band (`kano2004`).
 //!
 //! Source: An automatic method for detection of valve stiction in process control loops, Control Eng. Practice 2006, 14,
-//! 503; the threshold is the author's. PV stands for the stem where none is measured, as in the paper, which is right for
+//! 503; the threshold is the author's. PV takes the place of a stem that is not measured, as in the paper, which is right for
 //! flow loops. Chosen here: changes are taken over a thirtieth of a period, and a change is steady up to 0.43 standard
 //! deviations, which makes the three symbols of Gaussian changes equally frequent.
 //! Limits: a slow process moves PV while the stem stands still, so that sticking valves are missed; noise makes symbols
@@ -32,26 +32,26 @@ use crate::signal::Row;
 use crate::sysid::gain_sign::gain_sign;
 use crate::sysid::stats::{mean, normalised, sd};
 
-const ME: Method = Method::Yamashita2006;
+const METHOD: Method = Method::Yamashita2006;
 /// The author's threshold (-).
 pub const BAND: Band = Band::at(0.25);
 /// Changes are taken over the period divided by this.
 const PARTS: f64 = 30.0;
-/// Third of a Gaussian on either side of which a change is no more steady (standard deviations).
+/// Size of a change up to which it is steady (standard deviations): a third of Gaussian changes is.
 const STEADY: f64 = 0.430_727_3;
 
-/// The shares of time in sticking states.
+/// The shares of the time in sticking states (-).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shares {
-    /// Sticking states.
+    /// All sticking states.
     pub rho_1: f64,
-    /// Those that end as a slip does.
+    /// Sticking states that end with a slip.
     pub rho_2: f64,
-    /// Sticking states without those that end as no stem could.
+    /// Sticking states without those that end as no stem can: the index.
     pub rho_3: f64,
 }
 
-/// Changes over `step` samples as -1, 0, 1.
+/// The symbols of a signal, by its changes over `step` samples: 1 for I, 0 for S, -1 for D.
 pub fn symbols(v: &[f64], step: usize) -> Vec<i8> {
     let changes: Vec<f64> = v.windows(step + 1).step_by(step).map(|w| w[step] - w[0]).collect();
     let (m, s) = (mean(&changes), sd(&changes));
@@ -63,18 +63,18 @@ pub fn symbols(v: &[f64], step: usize) -> Vec<i8> {
     changes.into_iter().map(of).collect()
 }
 
-/// What a symbol of OP and stem is taken for.
+/// The state of OP and stem in one symbol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum State {
     /// Neither moves.
     Still,
-    /// No sticking state.
+    /// The stem moves: not a sticking state.
     Moves,
-    /// Sticking, and left as a stem that slips leaves it.
+    /// Sticking, and followed by a slip.
     Slips,
-    /// Sticking, and left as no stem could.
+    /// Sticking, and followed by a state that no stem can have then.
     Impossible,
-    /// Sticking, and left for a standstill or not at all.
+    /// Sticking, and followed by a standstill of both, or by the end of the record.
     Ends,
 }
 
@@ -117,40 +117,42 @@ impl Shares {
     }
 }
 
-/// What the method looks at.
-struct Looked<'a> {
-    /// What stands for the stem, in its standard deviations.
+/// What the method evaluates.
+struct Evaluated<'a> {
+    /// Name of the stem, or of PV in its place.
     name: &'static str,
+    /// Its values (standard deviations).
     stem: &'a [f64],
     /// Samples of a symbol.
     step: usize,
+    /// The state in each symbol.
     states: Vec<State>,
 }
 
-fn look<'a>(facts: &'a Facts<'_>) -> Result<Looked<'a>, String> {
+fn evaluate<'a>(facts: &'a Facts<'_>) -> Result<Evaluated<'a>, String> {
     let period = facts.oscillates()?;
     let (name, stem) = facts.stem_or_pv()?;
     let step = ((period / PARTS).round() as usize).max(1);
     let sign = sign(facts, stem);
-    let turned: Vec<f64> = stem.iter().map(|x| sign * x).collect();
-    Ok(Looked { name, stem, step, states: states(&symbols(&facts.u, step), &symbols(&turned, step)) })
+    let along_op: Vec<f64> = stem.iter().map(|x| sign * x).collect();
+    Ok(Evaluated { name, stem, step, states: states(&symbols(&facts.u, step), &symbols(&along_op, step)) })
 }
 
-/// -1 where the stem, or PV that stands for it, moves against OP; else 1.
+/// -1 where the stem, or PV in its place, moves against OP; otherwise 1.
 fn sign(facts: &Facts<'_>, stem: &[f64]) -> f64 {
     let w = &facts.window;
     let of_gain = || {
         let sp = w.sp.as_ref().map(|sp| normalised(sp, mean(&w.pv), sd(&w.pv)));
         gain_sign(&facts.u, &facts.y, sp.as_deref(), |k| w.row(k) == Row::Counts)
     };
-    // The controller tells of PV alone: a measured stem may be that of a valve that opens without air, whatever the gain.
+    // The controller tells the sign for PV alone: a measured stem may move against OP whatever the process gain.
     let told = if facts.stem.is_none() { of_gain() } else { None };
     told.or_else(|| Some(parallelogram(&facts.u, stem)?.sign)).unwrap_or(1.0)
 }
 
 /// OP against the stem, the sticking samples marked.
 pub(super) fn picture(facts: &Facts<'_>) -> Vec<Picture> {
-    let Ok(found) = look(facts) else { return Vec::new() };
+    let Ok(found) = evaluate(facts) else { return Vec::new() };
     let shown = excerpt(facts);
     let path = shown.clone().map(|k| (facts.u[k], found.stem[k])).collect();
     let at = |wanted: &[State]| -> Vec<(f64, f64)> {
@@ -167,11 +169,11 @@ pub(super) fn picture(facts: &Facts<'_>) -> Vec<Picture> {
     vec![Picture::new(title, "OP (standard deviations)", &y, layers)]
 }
 
-/// What the method says.
+/// The opinion of the method.
 pub fn opinion(facts: &Facts<'_>) -> Opinion {
-    let found = match look(facts) {
+    let found = match evaluate(facts) {
         Ok(found) => found,
-        Err(why) => return Opinion::cannot_tell(ME, why),
+        Err(why) => return Opinion::cannot_tell(METHOD, why),
     };
     match Shares::of(&found.states) {
         Some(Shares { rho_1, rho_2, rho_3 }) => {
@@ -179,8 +181,8 @@ pub fn opinion(facts: &Facts<'_>) -> Opinion {
             let why = format!(
                 "OP moves and {name} is steady: rho_1 {rho_1:.2}, rho_2 {rho_2:.2}, rho_3 {rho_3:.2}"
             );
-            Opinion::of(ME, rho_3, BAND, why)
+            Opinion::of(METHOD, rho_3, BAND, why)
         }
-        None => Opinion::cannot_tell(ME, "nothing moves"),
+        None => Opinion::cannot_tell(METHOD, "nothing moves"),
     }
 }

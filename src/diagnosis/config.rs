@@ -1,11 +1,12 @@
-//! What the configuration file says about the diagnosis.
+//! The section `[diagnosis]` of the configuration file.
 
+use super::acquisition::ReadingLimits;
 use super::screen::LONGEST_DELAY;
+use super::settings::Settings;
 use super::verdict::least_samples;
-use super::{ReadingLimits, Settings};
 use serde::Deserialize;
 
-/// `[diagnosis]`: thresholds and sizes. The defaults are what every published result uses.
+/// `[diagnosis]`: thresholds and sizes of a diagnosis. Every published result uses the defaults.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
@@ -13,16 +14,15 @@ pub struct Config {
     pub f_threshold_percent: f64,
     /// Least evidence `delta_aic` that counts as stiction (-).
     pub evidence_threshold: f64,
-    /// Samples taken from the most regular stretch.
+    /// Number of samples that are fitted, from the most regular stretch.
     pub window_samples: usize,
-    /// Fewest samples a diagnosis is tried on.
+    /// Fewest samples that are diagnosed.
     pub min_samples: usize,
     /// Largest share of samples that may be missing or bad (0..1).
     pub max_gap_share: f64,
-    /// Sample period to resample to (s); left out, the controller's scan where the record shows it, else the period of the
-    /// stamps.
+    /// Period of the rows (s); without it the controller's scan where the record shows it, else the period of the stamps.
     pub ts_s: Option<f64>,
-    /// Longest process delay searched (samples).
+    /// Longest delay of the process that is searched (samples).
     pub max_delay_samples: usize,
 }
 
@@ -42,7 +42,7 @@ impl Default for Config {
 }
 
 impl Config {
-    /// Everything wrong with it, by field; empty when it can be used.
+    /// All errors, as pairs of field and message; empty where there is none.
     pub fn validate(&self) -> Vec<(&'static str, String)> {
         let mut issues = Vec::new();
         let mut unless = |ok: bool, field, message: String| {

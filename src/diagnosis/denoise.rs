@@ -1,4 +1,4 @@
-//! Wavelet soft threshold (db4, periodised on a mirrored record) and the noise estimate that decides on it.
+//! Wavelet denoising of OP by a soft threshold (db4, periodised on a mirrored record), and the estimate of its noise.
 //!
 //! ```text
 //! sigma = median |d1| / 0.6745          d1: finest detail coefficients
@@ -21,7 +21,7 @@ const LOW: [f64; 8] = [
     0.230_377_813_308_896_5,
 ];
 
-/// Levels of the decomposition that are thresholded: up to 32 samples a period; what is slower is the oscillation.
+/// Number of levels that are thresholded: they hold periods up to 32 samples; slower ones are the oscillation.
 const LEVELS: usize = 4;
 
 /// Standard deviation of the white noise in `v`, from its finest detail coefficients (unit of v).
@@ -36,7 +36,7 @@ pub fn noise_sd(v: &[f64]) -> f64 {
     median(&inner) / 0.6745
 }
 
-/// `v` with its white noise removed by a soft threshold; the input itself when it is too short to judge.
+/// `v` without its white noise, by a soft threshold; `v` itself where it is too short.
 pub fn denoise(v: &[f64]) -> Vec<f64> {
     let n = v.len();
     if n < 1 << (LEVELS + 1) {

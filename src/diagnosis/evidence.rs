@@ -1,18 +1,16 @@
-//! How sure f is: evidence against every frictionless explanation, its steadiness over the record, and the
-//! interval of f.
+//! The evidence for friction, its steadiness over the record, and the interval of f.
 //!
 //! ```text
-//! delta_aic = min over explanations without friction of  AIC(explanation) - AIC(sticky)
-//! LR(f)     = N ln(V(f) / V(f_hat));  the interval is the hull of {LR <= 7.35}, widened by OP's median step
+//! delta_aic  = min over explanations without friction of  AIC(explanation) - AIC(sticky),   AIC = N ln V + 2 parameters
+//! steadiness = mean(g) / (sd(g) / sqrt(10)),   g: log-likelihood ratio summed over each of ten blocks of the rows that count
+//! interval   = hull of { f : N ln(V(f) / V(f_hat)) <= 7.35 }, widened by the median step of OP
 //! ```
 //!
-//! The rule `dAIC > 20` alone is won by chance or by one transient where the model is wrong anyway; so the gain
-//! must also be shared by the record: with the log-likelihood ratio summed over ten blocks of the rows that count, its mean must be
-//! [`STEADY`] standard errors above 0 (Vuong's test with blocks for the autocorrelation).
-//!
-//! f moves the instants at which the stem slips, so its likelihood is that of a threshold, not of a smooth
-//! parameter: 7.35 is the 95 % point of its likelihood ratio where chi-squared would say 3.84. A slip lies
-//! somewhere between two samples, which no likelihood knows: hence the step of OP.
+//! * **Steadiness.** A large `delta_aic` may come by chance, or from one transient of a model that is wrong anyway. So the gain
+//!   must be shared by the record: steadiness above [`STEADY`] (Vuong's test; blocks, because errors are autocorrelated).
+//! * **7.35.** f moves the instants at which the stem slips, so its likelihood is that of a threshold. 7.35 is the 95 % point of
+//!   the likelihood ratio of a threshold; that of a smooth parameter is 3.84 (chi-squared).
+//! * **Step of OP.** A slip happens somewhere between two samples, and no likelihood tells where.
 //!
 //! Source: Hansen, Econometrica 2000, 68, 575; Vuong, Econometrica 1989, 57, 307.
 
@@ -24,30 +22,30 @@ use crate::sysid::stats::{mean, median, sd};
 
 /// 95 % point of the likelihood ratio of a threshold (Hansen, table 1).
 const THRESHOLD_95: f64 = 7.35;
-/// Blocks over which the gain must be shared: errors correlate within one, and ten sums give a standard error.
+/// Number of blocks over which the gain must be shared: errors correlate within a block, and ten sums give a standard error.
 const BLOCKS: usize = 10;
-/// Degrees of freedom of the likelihood behind the steadiness: few, so that large errors at a few slips do not decide.
+/// Degrees of freedom of the Student t likelihood of the steadiness: few, so that large errors at a few slips do not decide.
 const TAILS: f64 = 4.0;
-/// Least steadiness (-) of a believed gain: one that as many blocks lose as win has about 0.
+/// Least steadiness (-) of evidence that is believed: where as many blocks lose as win, it is about 0.
 pub const STEADY: f64 = 0.5;
 
 /// The evidence for the sticky model against the best explanation without friction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Evidence {
-    /// `AIC(best explanation) - AIC(sticky)`.
+    /// `AIC(best explanation) - AIC(sticky)` (-).
     pub delta_aic: f64,
     /// The best explanation without friction.
     pub rival: Rival,
-    /// Mean gain of a block in standard errors.
+    /// Mean gain of a block in standard errors (-), -100 to 100.
     pub steadiness: f64,
 }
 
-/// Weighs the sticky model against the frictionless ones.
+/// The evidence for friction: the sticky model against every explanation without friction.
 ///
 /// * `sound`, `sticky`: the refined models at f = 0 and at f.
-/// * `errors`: their prediction errors.
+/// * `errors`: their prediction errors, one for each sample from [`Problem::first`] on.
 /// * `period`: period of OP's oscillation (samples).
-/// * `worth`: evidence below which the costly rivals are not asked.
+/// * `worth`: evidence against a linear loop below which the rivals that cost more are not fitted.
 pub fn weigh(
     p: &Problem,
     sound: &Refined,
@@ -58,13 +56,13 @@ pub fn weigh(
 ) -> Evidence {
     let n = p.rows();
     let gain = |v0: f64, v1: f64| n * ((v0 + LOSS_FLOOR) / (v1 + LOSS_FLOOR)).ln();
-    // f and the kinetic lag are two parameters more, the resume threshold a third.
+    // The penalty of f, and of the kinetic lag and the resume threshold where they are not 0: 2 each.
     let paid = 2.0
         * (1.0 + f64::from(u8::from(sticky.fit.theta.lag > 0.0)) + f64::from(u8::from(sticky.resume > 0.0)));
     let by_armax = gain(sound.fit.loss, sticky.fit.loss) - paid;
     let by_long = gain(sound.long_loss, sticky.long_loss) - paid;
     let linear = by_armax.min(by_long);
-    // What does not count has no error, and would make the spread of those that count look smaller.
+    // Rows that do not count have the error 0, which would make the spread of the errors look smaller.
     let [of_sound, of_sticky] = errors.map(|errors| p.counting(errors));
     let steadiness = steadiness(&of_sound, &of_sticky);
     let mut evidence = Evidence { delta_aic: linear, rival: Rival::Linear, steadiness };
@@ -86,19 +84,19 @@ pub fn weigh(
     evidence
 }
 
-/// Mean over blocks of the log-likelihood gain, in its standard errors; bounded for noise-free records.
+/// The mean over blocks of the gain in log-likelihood, in its standard errors; bounded, for records without noise.
 ///
-/// The likelihood is Student's t with [`TAILS`] degrees of freedom about the sticky model's own spread, so that
-/// a few large errors at the slips, or one transient, do not speak for the whole record.
+/// The likelihood is Student's t with [`TAILS`] degrees of freedom and the scale of the sticky model's errors, so that neither a
+/// few large errors at slips nor one transient decides.
 fn steadiness(sound: &[f64], sticky: &[f64]) -> f64 {
     let sizes: Vec<f64> = sticky.iter().map(|e| e.abs()).collect();
     let scale = (median(&sizes) / 0.6745).powi(2).max(LOSS_FLOOR);
-    let surprise = |e: f64| 0.5 * (TAILS + 1.0) * (e * e / (TAILS * scale)).ln_1p();
+    let minus_log_density = |e: f64| 0.5 * (TAILS + 1.0) * (e * e / (TAILS * scale)).ln_1p();
     let length = sound.len().min(sticky.len()).div_ceil(BLOCKS).max(1);
     let sums: Vec<f64> = sound
         .chunks(length)
         .zip(sticky.chunks(length))
-        .map(|(a, b)| a.iter().zip(b).map(|(a, b)| surprise(*a) - surprise(*b)).sum())
+        .map(|(a, b)| a.iter().zip(b).map(|(a, b)| minus_log_density(*a) - minus_log_density(*b)).sum())
         .collect();
     let spread = sd(&sums) * (sums.len() as f64 / (sums.len() as f64 - 1.0).max(1.0)).sqrt();
     let error = spread / (sums.len() as f64).sqrt();
@@ -106,7 +104,10 @@ fn steadiness(sound: &[f64], sticky: &[f64]) -> f64 {
     if error > 0.0 { (m / error).clamp(-100.0, 100.0) } else { 0.0 }
 }
 
-/// The 95 % interval of f from the profile (unit of u).
+/// The 95 % interval of f from the profile likelihood of the long ARX (unit of the problem's OP), widened by the median step of OP.
+///
+/// * `cells`: the profile over f.
+/// * `sticky`: the estimate.
 pub fn interval(p: &Problem, cells: &[CellPoint], sticky: &Refined) -> [f64; 2] {
     let n = p.rows();
     let reference = sticky.long_loss + LOSS_FLOOR;

@@ -1,14 +1,16 @@
-//! The friction elements that turn OP into a valve position: the paper's one-parameter element, its extension
-//! by a slip jump, and Srinivasan's d element.
+//! The friction elements of the declared diagnosis, from OP to a stem position: the paper's one-parameter element, its extension by
+//! a slip jump, and Srinivasan's d element.
+//!
+//! Tracing uses a recursion with more parameters: `sysid/valve/recursion.rs`.
 //!
 //! Source: Ivan & Lakshminarayanan, Ind. Eng. Chem. Res. 2009, 48, 3474, section 3.2 and figure 3;
 //! Srinivasan et al., Ind. Eng. Chem. Res. 2005, 44, 6719, equation 1.
 
 pub use crate::sysid::valve::{Start, largest_reversal, reversals};
 
-/// The half-open range of f, `[lo, hi)`, over which the element gives the very same stem position.
+/// The range of f, `[lo, hi)`, over which the element gives one and the same stem.
 ///
-/// Sampled data cannot tell the frictions of one cell apart: this is the resolution of f.
+/// Sampled data cannot tell the values of f in one cell apart: this is the resolution of f.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cell {
     /// Least f of the cell (OP unit).
@@ -17,7 +19,7 @@ pub struct Cell {
     pub hi: f64,
 }
 
-/// Runs OP through the one-parameter element, or its extension by a resume threshold.
+/// Runs OP through the one-parameter element, or its extension by a resume threshold. Returns the [`Cell`] of f.
 ///
 /// ```text
 /// cum = u_r + (u[k] - u[k-1])
@@ -25,16 +27,18 @@ pub struct Cell {
 /// otherwise :  x[k] = x[k-1],  u_r = cum
 /// ```
 ///
-/// It is computed from the equivalent statement "once slipping, x follows u without lag; after a reversal x
-/// stays until u has come back by more than 2f", which also yields the [`Cell`] of f. A stem that stopped
-/// without a reversal goes on, in the same direction, once u is `resume * 2f` ahead: 0 is the paper's element;
-/// `J/S` is what the two-parameter models of Choudhury and Kano do, where noise on OP stops the stem often.
+/// The same is computed as follows, because this gives the cell as well: a moving stem follows u without lag; after a reversal it
+/// stays until u has come back by more than 2f. A stem that stopped without a reversal goes on in the same direction once u is more
+/// than `resume * 2f` ahead. With `resume = 0` this is the paper's element. `resume = J/S` is the two-parameter valve of Choudhury
+/// and Kano, which noise on OP stops often.
 ///
-/// * `u`: OP, N values [OP unit]; `f`: friction, S/2 [OP unit]; `resume`: J/S, 0..=1.
-/// * `x`: receives the OP at which the stem last moved, N values (OP unit); before `start` the stem follows OP.
-/// * `dir`: receives the direction of the last stem movement, N values, +1 or -1.
+/// * `u`: OP, N values (OP unit).
+/// * `f`: friction, S/2 (OP unit).
+/// * `resume`: J/S, 0..=1 (-).
+/// * `x`: receives OP at the last move of the stem, N values (OP unit); before `start` the stem follows OP.
+/// * `dir`: receives the direction of that move, N values, +1 or -1.
 ///
-/// The true stem of a valve with a slip jump J is `x - dir (S - J)/2`.
+/// The stem of a valve with a slip jump J is `x - dir (S - J)/2`.
 pub fn stick_slip(u: &[f64], f: f64, resume: f64, start: Start, x: &mut [f64], dir: &mut [f64]) -> Cell {
     let n = u.len().min(x.len()).min(dir.len());
     let mut cell = Cell { lo: 0.0, hi: f64::INFINITY };
@@ -83,7 +87,9 @@ pub fn stick_slip(u: &[f64], f: f64, resume: f64, start: Start, x: &mut [f64], d
 /// x[k] = x[k-1]  if |u[k] - x[k-1]| <= d,   u[k] otherwise
 /// ```
 ///
-/// * `u`: OP, N values [OP unit]; `d`: stick band [OP unit]; `x`: receives the stem position, N values.
+/// * `u`: OP, N values (OP unit).
+/// * `d`: stick band (OP unit).
+/// * `x`: receives the stem position, N values (OP unit).
 pub fn srinivasan(u: &[f64], d: f64, x: &mut [f64]) {
     let Some(&first) = u.first() else { return };
     let mut stem = first;

@@ -1,57 +1,64 @@
-//! What an archive did to a record before it came here: compressed it, kept only larger changes, drew lines between what
-//! it kept, held values, or took a running mean. Each bends f, because what sticking leaves behind is in the small
-//! movements and the flat stretches.
+//! How an archive (historian) has changed a record: compression, report by exception, interpolation, held values, a running mean.
 //!
-//! Every rule asks for something that measuring does not do. Means over blocks that do not overlap leave no trace in what
-//! is left, and are not recognised.
+//! Each biases f, because friction shows in small movements and flat stretches.
+//! Every rule tests for something that measurements do not show:
+//!
+//! | kind | test |
+//! |---|---|
+//! | report by exception | irregular stamps, and hardly any change near zero |
+//! | swinging door | irregular stamps, and hardly any sample near the line through its neighbours |
+//! | interpolated | most samples of PV on straight lines, joined without a turn, and samples of OP as well |
+//! | held | values change at every k-th sample only |
+//! | averaged | differences correlate by -1/2 at lag k, and not before |
+//!
+//! Means over blocks that do not overlap leave no trace, and are not recognised.
 
 use crate::signal::{Role, Sample};
 use crate::sysid::stats::{median, quantile};
 use std::fmt;
 
-/// Fewest samples that say anything: 2 % of them, the most that a hole may hold, are about one.
+/// Fewest samples that are tested: [`HOLE`] of them are about one.
 const LEAST: usize = 60;
-/// Share of steps in time that differ from their median by more than a quarter, from which stamps are irregular: a few lost polls
-/// make fewer.
+/// Share of steps in time off their median by more than a quarter, above which stamps are irregular: a few lost polls make fewer.
 const IRREGULAR: f64 = 0.2;
-/// What is smaller than this part of the median counts as near zero: one normal change in eight is.
+/// Share of the median below which a size is near zero: one normally distributed change in eight is.
 const NEAR_ZERO: f64 = 0.25;
-/// Largest share of changes near zero where a dead band left them out; a density without a hole has 0.13 and more.
+/// Largest share of changes near zero where a dead band left them out; without a dead band it is 0.13 and more.
 const HOLE: f64 = 0.02;
-/// Share of samples near the line through their neighbours where nothing was left out, that of normal distances; an archive's is
-/// significantly less.
+/// Share of samples near the line through their neighbours where nothing was left out, for normally distributed distances; after
+/// compression it is significantly less.
 const USUAL_NEAR: f64 = 0.13;
-/// How significantly, in standard errors: one chance in thirty thousand.
+/// Number of standard errors by which it is less: one chance in thirty thousand.
 const SIGNIFICANT: f64 = 4.0;
-/// Largest distance of stamps from multiples of the scan, as a part of it, and the share of them that keeps it: a clock jitters,
-/// and a stamp now and then is late.
+/// Largest distance of a step in time from a multiple of the scan, as a share of the scan, and the least share of steps that keep
+/// it: a clock jitters, and now and then a stamp is late.
 const ON_SCAN: [f64; 2] = [0.12, 0.95];
-/// Least share of samples inside straight lines of a record that was interpolated: what was measured is on a line by chance.
+/// Least share of samples on straight lines in an interpolated record: measurements are on a line by chance.
 const STRAIGHT: f64 = 0.4;
-/// Fewest such lines, and fewest runs of held values: a few come of a ramp, or of a valve that sticks.
+/// Fewest such lines, and fewest runs of held values: a ramp, or a valve that sticks, makes a few.
 const LINES: usize = 12;
-/// Least share of the lines' joints at which the direction stays: a triangle turns at each of its own.
+/// Least share of the joints of lines at which the direction stays: a triangle turns at every joint.
 const JOINTS: f64 = 0.2;
-/// Longest run of held values, and longest running mean, that is looked for (samples): a usual window has few longer ones.
+/// Longest run of held values, and longest running mean, that is tried (samples): a usual window has few longer ones.
 const LONGEST: usize = 60;
-/// Least share of changes at every k-th sample, and of k-th samples that change, of held values: a sample now and then is late,
-/// and a value may come again.
+/// Least share of changes that are at every k-th sample, and of these samples that change, for held values: now and then a sample
+/// is late, and a value may repeat itself.
 const IN_STEP: [f64; 2] = [0.97, 0.6];
-/// Shortest running mean that is looked for (samples): below it the differences themselves correlate.
+/// Shortest running mean that is tried (samples): below it the differences correlate by themselves.
 const SHORTEST_MEAN: usize = 6;
 
-/// What was done.
+/// How an archive changed a record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HistoryKind {
-    /// Swinging-door or boxcar compression: only samples that a line does not replace.
+    /// Swinging-door or boxcar compression: samples that a line replaces were dropped.
     SwingingDoor,
-    /// Report by exception: only changes beyond a dead band.
+    /// Report by exception: changes within a dead band were dropped.
     Exception,
-    /// Straight lines between samples that an archive kept.
+    /// Straight lines were drawn between the samples that were kept.
     Interpolated,
-    /// Every k-th value, repeated.
+    /// Every k-th value was kept, and repeated.
     Held,
-    /// A running mean.
+    /// A running mean was taken.
     Averaged,
 }
 
@@ -60,7 +67,7 @@ impl HistoryKind {
     pub const ALL: [Self; 5] =
         [Self::SwingingDoor, Self::Exception, Self::Interpolated, Self::Held, Self::Averaged];
 
-    /// The name in the report.
+    /// The stable, machine-readable name.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::SwingingDoor => "swinging_door",
@@ -71,7 +78,7 @@ impl HistoryKind {
         }
     }
 
-    /// What it means for f.
+    /// What it means for f, as an operator reads it.
     pub fn note(self) -> &'static str {
         match self {
             Self::SwingingDoor => {
@@ -89,14 +96,14 @@ impl HistoryKind {
     }
 }
 
-/// What was found in a record.
+/// How an archive changed a record, with the evidence for it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HistoryFound {
-    /// What was done.
+    /// The kind of change.
     pub kind: HistoryKind,
     /// The tag that shows it.
     pub role: Role,
-    /// What it rests on, as its display says.
+    /// The two numbers of its display, which depend on the kind.
     pub evidence: [f64; 2],
 }
 
@@ -132,7 +139,9 @@ impl fmt::Display for HistoryFound {
     }
 }
 
-/// What an archive did to a record, by OP or PV: good samples in the order of time, no stamp twice.
+/// How an archive changed a record; `None` where nothing shows it.
+///
+/// * `op`, `pv`: good samples in the order of time, no stamp twice.
 pub fn recognise(op: &[Sample], pv: &[Sample]) -> Option<HistoryFound> {
     let of = |role, found: Option<(HistoryKind, [f64; 2])>| {
         found.map(|(kind, evidence)| HistoryFound { kind, role, evidence })
@@ -142,7 +151,7 @@ pub fn recognise(op: &[Sample], pv: &[Sample]) -> Option<HistoryFound> {
         let even = series.len() >= LEAST && irregular(series) < 0.02;
         even.then(|| series.iter().map(|s| s.value).collect())
     };
-    // A controller that acts every k-th sample holds OP, and a stuck valve makes it a line: there PV alone tells.
+    // A controller that acts at every k-th sample holds OP, and a stuck valve makes OP a straight line. So PV decides.
     thinned(Role::Pv, pv).or_else(|| thinned(Role::Op, op)).or_else(|| {
         let values = equal(pv)?;
         let lines = equal(op).and_then(|op| interpolated(&op, &values));
@@ -150,7 +159,7 @@ pub fn recognise(op: &[Sample], pv: &[Sample]) -> Option<HistoryFound> {
     })
 }
 
-/// Share of steps in time off their median by more than a quarter.
+/// The share of steps in time off their median by more than a quarter.
 fn irregular(series: &[Sample]) -> f64 {
     let steps: Vec<f64> = series.windows(2).map(|w| w[1].t - w[0].t).collect();
     let middle = median(&steps);
@@ -158,7 +167,7 @@ fn irregular(series: &[Sample]) -> f64 {
     off as f64 / steps.len().max(1) as f64
 }
 
-/// Whether the times between samples are multiples of one scan: a thinned record, not one with stamps of any kind.
+/// Whether the steps in time are multiples of one scan, as in a thinned record.
 fn on_scan(series: &[Sample]) -> bool {
     let steps: Vec<f64> = series.windows(2).map(|w| w[1].t - w[0].t).collect();
     let shortest = quantile(&steps, 0.02);
@@ -169,7 +178,8 @@ fn on_scan(series: &[Sample]) -> bool {
     })
 }
 
-/// Samples left out by what the others say: irregular stamps, and a hole near zero in what was left.
+/// Report by exception or swinging-door compression: irregular stamps, and hardly any changes, or distances from the line through
+/// the neighbours, near zero. With its evidence: the share of irregular steps, and the dead band or the share near the line.
 fn thinned(series: &[Sample]) -> Option<(HistoryKind, [f64; 2])> {
     if series.len() < LEAST {
         return None;
@@ -185,8 +195,8 @@ fn thinned(series: &[Sample]) -> Option<(HistoryKind, [f64; 2])> {
     for kept in [series, &reports] {
         let sizes = changes(kept);
         let band = quantile(&sizes, HOLE);
-        // Values in steps of their resolution have a hole too; that one is the measurement's own. So has a steady ramp, but
-        // its changes go with the time that they took.
+        // Values in steps of their resolution have no changes near zero either; that is the measurement's own. Nor has a steady
+        // ramp, but its changes are proportional to the time between them.
         let in_steps = band <= 5.0 * resolution;
         if kept.len() >= LEAST && !in_steps && near_zero(&sizes) < HOLE && !ramps(kept) {
             return Some((HistoryKind::Exception, [uneven, band]));
@@ -205,7 +215,7 @@ fn thinned(series: &[Sample]) -> Option<(HistoryKind, [f64; 2])> {
         .then_some((HistoryKind::SwingingDoor, [uneven, near]))
 }
 
-/// Whether the changes of value follow the time between them rather than a size of their own.
+/// Whether the changes of value are rather proportional to the time between them than of one size.
 fn ramps(kept: &[Sample]) -> bool {
     let spread = |of: &dyn Fn(&[Sample]) -> f64| {
         let logs: Vec<f64> = kept.windows(2).map(of).filter(|x| *x > 0.0).map(f64::ln).collect();
@@ -215,13 +225,13 @@ fn ramps(kept: &[Sample]) -> bool {
     spread(&change) > 0.8 * spread(&|w| change(w) / (w[1].t - w[0].t))
 }
 
-/// Share of sizes that are near zero.
+/// The share of sizes that are near zero.
 fn near_zero(sizes: &[f64]) -> f64 {
     let limit = NEAR_ZERO * median(sizes);
     sizes.iter().filter(|size| **size < limit).count() as f64 / sizes.len().max(1) as f64
 }
 
-/// The finest difference that occurs in a series more than now and then.
+/// The resolution of the values: the lower quartile of the differences between neighbours in size.
 fn resolution(series: &[Sample]) -> f64 {
     let mut values: Vec<f64> = series.iter().map(|s| s.value).collect();
     values.sort_unstable_by(f64::total_cmp);
@@ -229,7 +239,7 @@ fn resolution(series: &[Sample]) -> f64 {
     quantile(&steps, 0.25)
 }
 
-/// Without the samples that were kept because the next one was reported: they lie one scan before it.
+/// The samples without those that were kept only because the next one was reported: they lie one scan before it.
 fn without_previous(series: &[Sample]) -> Vec<Sample> {
     let steps: Vec<f64> = series.windows(2).map(|w| w[1].t - w[0].t).collect();
     let scan = quantile(&steps, 0.02) * 1.25;
@@ -237,8 +247,8 @@ fn without_previous(series: &[Sample]) -> Vec<Sample> {
     series.iter().enumerate().filter(|(i, _)| !is_previous(*i)).map(|(_, s)| *s).collect()
 }
 
-/// Lines of four and more samples in PV, most of them joined without a turn, and in OP too: where a stem sticks or a tank
-/// fills one of them may be straight, not both.
+/// Interpolation: straight lines of four and more samples in PV, many joined without a turn, and in OP as well. Where a stem
+/// sticks or a tank fills, one of the two may be straight, but not both.
 fn interpolated(op: &[f64], pv: &[f64]) -> Option<(HistoryKind, [f64; 2])> {
     let (of_op, of_pv) = (Lines::of(op), Lines::of(pv));
     let joined = of_pv.straight_on as f64 >= JOINTS * of_pv.count as f64;
@@ -246,13 +256,14 @@ fn interpolated(op: &[f64], pv: &[f64]) -> Option<(HistoryKind, [f64; 2])> {
         .then_some((HistoryKind::Interpolated, [of_pv.share, of_pv.count as f64]))
 }
 
-/// What of a series is straight.
+/// The straight lines in a series.
 #[derive(Default)]
 struct Lines {
+    /// Number of lines.
     count: usize,
-    /// Samples inside.
+    /// Share of samples inside lines (0..1).
     share: f64,
-    /// Lines that go on in the same direction.
+    /// Number of lines after which the direction stays.
     straight_on: usize,
 }
 
@@ -265,7 +276,7 @@ impl Lines {
         if scale == 0.0 || moving.len() * 2 < steps.len() {
             return lines;
         }
-        // Rounding of printed values; a line whose step is near it may be chance.
+        // The rounding of printed values. A line whose step is near it may be chance.
         let rounded = moving.iter().copied().fold(f64::INFINITY, f64::min);
         let tolerance =
             printed(values).filter(|unit| 8.0 * unit < scale).map_or(1e-6 * scale, |unit| 1.01 * unit);
@@ -289,18 +300,18 @@ impl Lines {
     }
 }
 
-/// The largest unit that all values are whole numbers of from each other, where there is one: what their printing rounded
-/// them to, in whatever unit they came since.
+/// The largest unit of which all differences between values are whole multiples, where there is one: the resolution to which the
+/// values were once rounded, in the present unit.
 fn printed(values: &[f64]) -> Option<f64> {
-    /// Least unit, in parts of the range of the values: a finer one is a computer's.
+    /// Least unit, as a share of the range of the values: a finer one is that of floating point.
     const FINEST: f64 = 1e-7;
-    /// How far values may be from whole numbers of units: what a change of unit leaves of rounding.
+    /// Largest distance of a value from a whole number of units: a change of unit leaves such rounding.
     const OFF: f64 = 1e-2;
     let mut sorted = values.to_vec();
     sorted.sort_unstable_by(f64::total_cmp);
     let (first, last) = (*sorted.first()?, *sorted.last()?);
     let least = FINEST * (last - first);
-    // Euclid's algorithm on the gaps, in numbers that are nearly whole.
+    // Euclid's algorithm on the gaps, for numbers that are nearly whole.
     let gaps = sorted.windows(2).map(|w| w[1] - w[0]).filter(|gap| *gap > least);
     let unit = gaps.fold(0.0_f64, |unit, gap| {
         let (mut a, mut b) = (unit.max(gap), unit.min(gap));
@@ -313,7 +324,7 @@ fn printed(values: &[f64]) -> Option<f64> {
     (unit > 10.0 * least && sorted.iter().all(whole)).then_some(unit)
 }
 
-/// Changes at every k-th sample only, and at most of those.
+/// Held values: changes at every k-th sample only, and at most of these samples; the longest k counts.
 fn held(values: &[f64]) -> Option<(HistoryKind, [f64; 2])> {
     let changes: Vec<usize> = (1..values.len()).filter(|i| values[*i] != values[i - 1]).collect();
     (2..=LONGEST).rev().find_map(|k| {
@@ -329,8 +340,8 @@ fn held(values: &[f64]) -> Option<(HistoryKind, [f64; 2])> {
     })
 }
 
-/// A sample that enters a running mean of k leaves it k later: the differences, whitened by differencing twice more,
-/// correlate by -1/2 there, and nowhere between.
+/// A running mean: a sample that enters a mean over k leaves it k samples later. So the differences, made whiter by differencing
+/// twice more, correlate by -1/2 at lag k, and at no lag in between.
 fn averaged(values: &[f64]) -> Option<(HistoryKind, [f64; 2])> {
     let mut d: Vec<f64> = values.to_vec();
     for _ in 0..3 {
@@ -346,7 +357,7 @@ fn averaged(values: &[f64]) -> Option<(HistoryKind, [f64; 2])> {
     let k = (SHORTEST_MEAN..=longest).min_by(|a, b| all[*a].total_cmp(&all[*b]))?;
     let quiet = (4..=longest).filter(|lag| lag.abs_diff(k) > 2).all(|lag| all[lag].abs() < 0.2);
     let beside = |lag: usize| (0.15..0.5).contains(&all[lag]);
-    // Slips come a period apart, too, but they are few and large.
+    // The slips of a valve correlate at lags of a period as well. They are few and large, so the fourth moment is large.
     let fourth = d.iter().map(|x| x.powi(4)).sum::<f64>() * d.len() as f64 / (power * power);
     (all[k] < -0.35 && all[k] > -0.65 && beside(k - 1) && beside(k + 1) && quiet && fourth < 5.0)
         .then_some((HistoryKind::Averaged, [all[k], k as f64]))

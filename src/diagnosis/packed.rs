@@ -1,21 +1,23 @@
-//! The signals of a diagnosis that is kept only to be looked at: two bytes a value instead of eight.
+//! The signals of a diagnosis that is kept only for display: two bytes for a value instead of eight.
 //!
-//! A signal y is kept as `y = (1 - w) least + w greatest`, w = q / 65534 and q = 0..65534: no value is off by more than half a
-//! step, 0.0008 % of the signal's range. A signal that stands still for long, as a set point or the stem of a sticking valve, is kept
-//! as runs of equal values, and a signal that is another is kept once.
+//! ```text
+//! y = (1 - w) least + w greatest,   w = q / 65534,   q = 0..65534
+//! ```
+//!
+//! * No value is off by more than half a step: 0.0008 % of the range of the signal.
+//! * A signal that often repeats its value, such as a set point or the stem of a sticking valve, is kept as runs of equal values.
+//! * Two signals that are equal are kept once.
 
-use super::Diagnosis;
 use crate::signal::{Row, Window};
 use crate::sysid::stats::range;
-use std::borrow::Cow;
 use std::sync::Arc;
 
-/// Steps from the least to the greatest value: all codes of two bytes but one.
+/// Number of steps from the least to the greatest value: all codes of two bytes but one.
 const STEPS: u16 = u16::MAX - 1;
-/// The code of what is no number.
+/// The code of a value that is not finite.
 const NO_NUMBER: u16 = u16::MAX;
 
-/// A signal in two bytes a value, or less.
+/// A signal in two bytes for each value, or fewer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Packed {
     least: f64,
@@ -23,12 +25,12 @@ pub struct Packed {
     codes: Codes,
 }
 
-/// The codes of a signal, in the form that takes less.
+/// The codes q of a signal, in the form that takes less memory.
 #[derive(Clone, Debug, PartialEq)]
 enum Codes {
-    /// One by one.
+    /// One for each value.
     Each(Box<[u16]>),
-    /// Runs of equal ones.
+    /// Runs of equal codes.
     Runs(Runs<u16>),
 }
 
@@ -68,12 +70,12 @@ impl Codes {
 }
 
 impl Packed {
-    /// A signal as it is kept.
+    /// Packs a signal.
     pub fn new(values: &[f64]) -> Self {
         let finite = || values.iter().copied().filter(|value| value.is_finite());
         let least = finite().fold(f64::INFINITY, f64::min);
         let greatest = finite().fold(f64::NEG_INFINITY, f64::max);
-        // Halves, because the range of two finite numbers may be infinite.
+        // Halves, because the difference of two finite numbers may be infinite.
         let above = |value: f64| value / 2.0 - least / 2.0;
         let code = |value: &f64| match value.is_finite() {
             // 0 for a constant, whose range is 0.
@@ -83,7 +85,7 @@ impl Packed {
         Self { least, greatest, codes: Codes::new(&values.iter().map(code).collect::<Vec<u16>>()) }
     }
 
-    /// The signal again; what was no finite number is NaN.
+    /// Unpacks the signal; a value that was not finite is NaN.
     pub fn values(&self) -> Vec<f64> {
         let value = |code: &u16| match *code {
             NO_NUMBER => f64::NAN,
@@ -98,7 +100,7 @@ impl Packed {
         }
     }
 
-    /// Values.
+    /// The number of values.
     pub fn len(&self) -> usize {
         match &self.codes {
             Codes::Each(codes) => codes.len(),
@@ -106,35 +108,35 @@ impl Packed {
         }
     }
 
-    /// Whether there is none.
+    /// Whether there are no values.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// A second signal, which shares the memory of this one where it is the same.
+    /// Packs a second signal; it shares the memory of `first` where both are equal.
     pub fn second(first: &Arc<Self>, values: &[f64]) -> Arc<Self> {
         let second = Self::new(values);
         if second == **first { first.clone() } else { Arc::new(second) }
     }
 }
 
-/// A window as it is kept, with the stem that the diagnosis implies. Other tags are left out: nothing draws them.
+/// A packed window, with the stem that the diagnosis implies. Other tags are left out, because nothing displays them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PackedWindow {
     t0: f64,
     ts: f64,
-    op_range: (f64, f64),
+    pub(super) op_range: (f64, f64),
     op: Arc<Packed>,
     pv: Packed,
     sp: Option<Packed>,
     mv: Option<Packed>,
     rows: Runs<Row>,
-    /// Without friction it is OP.
-    stem: Arc<Packed>,
+    /// The stem; without friction it is OP, and shares its memory.
+    pub(super) stem: Arc<Packed>,
 }
 
 impl PackedWindow {
-    fn new(window: Window, stem: &[f64]) -> Self {
+    pub(super) fn new(window: Window, stem: &[f64]) -> Self {
         let packed = |signal: &Option<Vec<f64>>| signal.as_deref().map(Packed::new);
         let op = Arc::new(Packed::new(&window.op));
         Self {
@@ -150,7 +152,7 @@ impl PackedWindow {
         }
     }
 
-    fn window(&self) -> Window {
+    pub(super) fn window(&self) -> Window {
         Window {
             t0: self.t0,
             ts: self.ts,
@@ -164,41 +166,10 @@ impl PackedWindow {
     }
 }
 
-impl Diagnosis {
-    /// Packs the window and the stem, for a diagnosis that is kept only to be looked at.
-    pub fn pack(&mut self) {
-        if let Some(window) = self.window.take() {
-            let stem = self.estimate.as_mut().map(|estimate| std::mem::take(&mut estimate.mv));
-            self.packed = Some(Box::new(PackedWindow::new(window, &stem.unwrap_or_default())));
-        }
-    }
-
-    /// The window that was fitted, packed or not; `None` when the record never became one.
-    pub fn shown_window(&self) -> Option<Cow<'_, Window>> {
-        let packed = || self.packed.as_ref().map(|packed| Cow::Owned(packed.window()));
-        self.window.as_ref().map(Cow::Borrowed).or_else(packed)
-    }
-
-    /// The stem position that the declared model's f implies, packed or not, one value per sample of the window (OP unit).
-    pub fn shown_stem(&self) -> Option<Cow<'_, [f64]>> {
-        let estimate = self.estimate.as_ref()?;
-        Some(match &self.packed {
-            Some(packed) => Cow::Owned(packed.stem.values()),
-            None => Cow::Borrowed(&estimate.mv),
-        })
-    }
-
-    /// The least and the greatest OP of the window (OP unit); `None` without a window.
-    pub fn op_range(&self) -> Option<(f64, f64)> {
-        let packed = || self.packed.as_ref().map(|packed| packed.op_range);
-        self.window.as_ref().map(|window| range(&window.op)).or_else(packed)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnosis::{NotIdentifiable, Verdict};
+    use crate::diagnosis::{Diagnosis, NotIdentifiable, Verdict};
     use proptest::prelude::*;
 
     #[test]

@@ -1,30 +1,34 @@
-//! From the gate's window to the one that is fitted: over-sampled records are decimated behind an anti-alias
-//! filter, and about a thousand samples of the most regular stretch are kept.
+//! From the window of the gate to the one that is fitted: decimation of an over-sampled record behind an anti-alias filter, then
+//! the most regular stretch of about a thousand samples.
 
+use super::gate;
+use super::preparation::{Denoise, Preparation};
 use super::region::{self, Region};
-use super::{Preparation, Settings, gate};
+use super::settings::Settings;
 use crate::signal::{Row, Window};
 use std::f64::consts::PI;
 
-/// Samples a period that decimation leaves at least: with fewer, the instants at which the stem slips blur.
+/// Fewest samples in a period that decimation leaves: with fewer, the instants at which the stem slips blur.
 const SAMPLES_PER_PERIOD: f64 = 60.0;
-/// Periods that the window should hold, where the record is long enough: fewer have few slips to share the evidence.
+/// Number of periods that the window should hold, where the record is long enough: fewer have few slips that share the evidence.
 const PERIODS: f64 = 7.0;
-/// Most samples fitted, as a multiple of the window asked for: a fit takes as much longer.
+/// Largest number of samples that are fitted, as a multiple of the configured window: a fit takes as much longer.
 const LONGEST: usize = 4;
-/// Records are cut to their newest samples beyond this: it bounds time and memory.
+/// Number of newest samples to which a longer record is cut: it bounds time and memory.
 const MOST_SAMPLES: usize = 200_000;
 /// Half-width of the anti-alias filter in output samples: a wider one is sharper, and blurs slips over more of them.
 const HALF_WIDTH: usize = 4;
 
-/// Decimates and cuts the window; returns it with its oscillation analysis.
+/// Decimates and cuts a window; returns the window that is fitted, with the analysis of its oscillation.
+///
+/// * `preparation`: receives the decimation, the noise of OP, and the extent of the window.
 pub fn prepare(window: Window, settings: &Settings, preparation: &mut Preparation) -> (Window, Region) {
     let n = window.len();
     let mut window = if n > MOST_SAMPLES { window.slice(n - MOST_SAMPLES, n) } else { window };
     let mut region = region::analyse(&window.op);
     let by_period = region.typical_period().map_or(1.0, |p| p / SAMPLES_PER_PERIOD);
     let longest = LONGEST * settings.window_samples.max(1);
-    // A record that fits as it is keeps every sample: filtering blurs the instants at which the stem slips.
+    // A record that is short enough keeps every sample, because a filter blurs the instants at which the stem slips.
     let by_length = window.len() as f64 / longest as f64;
     let factor = by_period.min(by_length).floor() as usize;
     if factor > 1 {
@@ -39,12 +43,12 @@ pub fn prepare(window: Window, settings: &Settings, preparation: &mut Preparatio
         window = window.slice(from, from + length);
         region = region::analyse(&window.op);
     }
-    preparation.denoise = super::Denoise { applied: region.denoised, noise_share: region.noise_share };
+    preparation.denoise = Denoise { applied: region.denoised, noise_share: region.noise_share };
     gate::describe(&window, preparation);
     (window, region)
 }
 
-/// Every `factor`-th sample behind a windowed-sinc low pass at 0.4 of the new sampling frequency.
+/// Every `factor`-th sample of a window, behind a windowed-sinc low pass with its cut-off at 0.4 of the new sampling frequency.
 pub fn decimate(w: &Window, factor: usize) -> Window {
     let taps = low_pass(factor);
     let filtered = |v: &Vec<f64>| -> Vec<f64> {
@@ -66,19 +70,19 @@ pub fn decimate(w: &Window, factor: usize) -> Window {
         sp: w.sp.as_ref().map(filtered),
         mv: w.mv.as_ref().map(filtered),
         tags: w.tags.iter().map(|(name, v)| (name.clone(), filtered(v))).collect(),
-        // A row is worth what most of those about it are: the filter hardly reaches further.
-        rows: (0..w.rows.len() / factor).map(|k| most(about(&w.rows, k * factor, factor))).collect(),
+        // The kind of a row is that of most rows about it, because the filter hardly reaches further.
+        rows: (0..w.rows.len() / factor).map(|k| majority(about(&w.rows, k * factor, factor))).collect(),
     }
 }
 
-/// So many rows with this one in the middle; fewer at the ends.
+/// `factor` rows with row `centre` in the middle; fewer at the ends of the record.
 fn about(rows: &[Row], centre: usize, factor: usize) -> &[Row] {
     let from = centre.saturating_sub(factor / 2);
     &rows[from..(centre + factor - factor / 2).min(rows.len())]
 }
 
-/// What most rows are worth; of as many, the less.
-fn most(rows: &[Row]) -> Row {
+/// [`Row::Counts`] where more than half of the rows count; else [`Row::Missing`] where any is missing; else [`Row::Silent`].
+fn majority(rows: &[Row]) -> Row {
     let count = |worth: Row| rows.iter().filter(|row| **row == worth).count();
     if 2 * count(Row::Counts) > rows.len() {
         Row::Counts

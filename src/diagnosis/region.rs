@@ -8,42 +8,43 @@
 //!
 //! Source: Ivan & Lakshminarayanan 2009, sections 3.2 and 3.3.1; Thornhill et al., J. Process Control 2003, 13, 91.
 
-use super::Oscillation;
 use super::denoise::{denoise, noise_sd};
 use super::friction::Start;
+use super::result::Oscillation;
 use crate::sysid::stats::{mean, median, quantile, sd};
 
-/// Noise sd of OP, as a share of its sd, above which OP is denoised before its extrema are sought: less makes no large ones.
+/// Noise of OP, as a share of its standard deviation, above which its extrema are sought in denoised OP: less makes no large
+/// extrema.
 const NOISY: f64 = 0.05;
-/// Least swings of a large extremum tried, as shares of the 5..95 % range of OP: a set-point change or a drift
-/// widens that range beyond the oscillation.
+/// Least swings of a large extremum that are tried, as shares of the 5..95 % range of OP: a set-point change or a drift widens that
+/// range beyond the oscillation.
 const LARGE_SWINGS: [f64; 4] = [0.25, 0.12, 0.06, 0.03];
-/// Extrema that settle the choice of the least swing: those of six periods.
+/// Number of extrema at which no smaller swing is tried: those of six periods.
 const ENOUGH_EXTREMA: usize = 12;
-/// Least swing in noise standard deviations: noise alone seldom swings so far.
+/// Least swing of an extremum, in standard deviations of the noise: noise alone seldom swings so far.
 const OVER_NOISE: f64 = 4.0;
 
 /// One large extremum of OP.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extremum {
-    /// Index in the record.
+    /// Sample of the record.
     pub index: usize,
-    /// Value of the (denoised) OP there.
+    /// OP there, denoised where it was (OP unit).
     pub value: f64,
     /// True for a maximum.
     pub is_max: bool,
 }
 
-/// What the oscillation analysis found in one OP record.
+/// The oscillation of one OP record.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Region {
-    /// The large extrema, alternating.
+    /// The large extrema; maxima and minima alternate.
     pub extrema: Vec<Extremum>,
-    /// Times of the zero crossings of the mean-shifted OP (samples).
+    /// Times of the zero crossings of OP less the mean of its envelopes (samples).
     pub crossings: Vec<f64>,
-    /// Noise sd of OP as a share of its sd.
+    /// Noise of OP as a share of its standard deviation (-).
     pub noise_share: f64,
-    /// True when OP was denoised for this analysis.
+    /// Whether OP was denoised for this analysis.
     pub denoised: bool,
 }
 
@@ -60,7 +61,9 @@ pub fn analyse(op: &[f64]) -> Region {
 }
 
 impl Region {
-    /// The oscillation between `from` and `to` (samples), or `None` with fewer than three periods.
+    /// The oscillation between the samples `from` and `to`; `None` with fewer than three periods.
+    ///
+    /// * `ts`: sample period (s).
     pub fn oscillation(&self, from: usize, to: usize, ts: f64) -> Option<Oscillation> {
         let inside = |t: &&f64| **t >= from as f64 && **t < to as f64;
         let times: Vec<f64> = self.crossings.iter().filter(inside).copied().collect();
@@ -75,13 +78,13 @@ impl Region {
         })
     }
 
-    /// Typical period over the whole record (samples), or `None` with fewer than two.
+    /// The median period of the whole record (samples); `None` with fewer than two periods.
     pub fn typical_period(&self) -> Option<f64> {
         let periods: Vec<f64> = self.crossings.windows(3).map(|w| w[2] - w[0]).collect();
         (periods.len() >= 2).then(|| median(&periods))
     }
 
-    /// Mean of the large maxima less mean of the large minima between `from` and `to`; 0 without both.
+    /// The mean of the large maxima less that of the large minima between `from` and `to` (OP unit); 0 without both.
     pub fn swing(&self, from: usize, to: usize) -> f64 {
         let of = |is_max: bool| -> Vec<f64> {
             let wanted = |e: &&Extremum| e.is_max == is_max && e.index >= from && e.index < to;
@@ -91,12 +94,13 @@ impl Region {
         if maxima.is_empty() || minima.is_empty() { 0.0 } else { (mean(&maxima) - mean(&minima)).max(0.0) }
     }
 
-    /// Number of large extrema between `from` and `to`: the reversals of OP.
+    /// The number of large extrema between `from` and `to`: the reversals of OP.
     pub fn reversals(&self, from: usize, to: usize) -> usize {
         self.extrema.iter().filter(|e| e.index >= from && e.index < to).count()
     }
 
-    /// The first sample of the stretch of `length` samples with the largest r; the newest stretch when nothing oscillates.
+    /// The first sample of the stretch of `length` samples, among `n`, with the largest r; of the newest one where nothing
+    /// oscillates.
     pub fn most_regular(&self, n: usize, length: usize) -> usize {
         if n <= length {
             return 0;
@@ -118,8 +122,8 @@ impl Region {
     }
 }
 
-/// The extremum that the friction element starts from: the first large one at or after `from`, moved to the
-/// true extremum of the original OP within a few samples.
+/// The extremum at which the friction element starts: the first large one between `from` and `to`, moved to the extremum of the
+/// original OP within a few samples; `None` where there is none.
 pub fn start_of(region: &Region, op: &[f64], from: usize, to: usize) -> Option<Start> {
     let first = region.extrema.iter().find(|e| e.index >= from && e.index < to)?;
     let reach = if region.denoised { 3 } else { 0 };
@@ -130,13 +134,13 @@ pub fn start_of(region: &Region, op: &[f64], from: usize, to: usize) -> Option<S
     Some(Start { index, is_max: first.is_max })
 }
 
-/// `r = mean(T) / (3 sd(T))`, bounded so that a perfectly regular record stays a number.
+/// `r = mean(T) / (3 sd(T))`, bounded, so that it is finite for a perfectly regular record.
 fn regularity(periods: &[f64]) -> f64 {
     let m = mean(periods);
     m / (3.0 * sd(periods)).max(1e-3 * m)
 }
 
-/// The extrema at the largest least swing that finds enough of them; else the most that stand out of the noise.
+/// The extrema at the largest of [`LARGE_SWINGS`] with at least [`ENOUGH_EXTREMA`] of them; else the most that are above the noise.
 fn select_extrema(smooth: &[f64], range: f64, noise: f64) -> Vec<Extremum> {
     let mut most = Vec::new();
     for share in LARGE_SWINGS {
@@ -155,7 +159,7 @@ fn select_extrema(smooth: &[f64], range: f64, noise: f64) -> Vec<Extremum> {
     most
 }
 
-/// Alternating extrema whose swing from one to the next is at least `swing`; flat tops count once.
+/// Alternating extrema of `v` with at least `swing` from one to the next (unit of v); a flat top counts once.
 pub fn large_extrema(v: &[f64], swing: f64) -> Vec<Extremum> {
     let mut found = Vec::new();
     let Some(&first) = v.first() else { return found };
@@ -172,7 +176,7 @@ pub fn large_extrema(v: &[f64], swing: f64) -> Vec<Extremum> {
             low = (index, value);
         }
         if rising != Some(false) && high.1 - value >= swing {
-            // The very first half-swing starts at the record's edge, which is no extremum.
+            // The first swing may start at the edge of the record, which is no extremum.
             if rising.is_some() || high.0 > 0 {
                 found.push(Extremum { index: high.0, value: high.1, is_max: true });
             }
@@ -191,7 +195,7 @@ pub fn large_extrema(v: &[f64], swing: f64) -> Vec<Extremum> {
     found
 }
 
-/// OP less the mean of its two envelopes (adaptive mean shift); less its mean with too few extrema.
+/// OP less the mean of its two envelopes (adaptive mean shift); OP less its mean where there are too few extrema.
 fn mean_shift(v: &[f64], extrema: &[Extremum]) -> Vec<f64> {
     let knots = |is_max: bool| -> Vec<(f64, f64)> {
         extrema.iter().filter(|e| e.is_max == is_max).map(|e| (e.index as f64, e.value)).collect()
@@ -223,7 +227,8 @@ fn crossings(v: &[f64]) -> Vec<f64> {
     times
 }
 
-/// Natural cubic spline through `knots` (increasing abscissae, at least two), at 0..n; constant outside.
+/// The natural cubic spline through `knots` (at least two, with increasing abscissae) at the samples 0..n; constant outside the
+/// knots.
 fn spline(knots: &[(f64, f64)], n: usize) -> Vec<f64> {
     let m = knots.len();
     let mut second = vec![0.0; m];

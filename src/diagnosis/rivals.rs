@@ -1,42 +1,39 @@
-//! Explanations without friction that a sticky one has to beat: each is the long ARX at f = 0 with something
-//! more, fitted to the same samples as the sticky model.
+//! The explanations without friction that friction has to beat by AIC. Each is the long ARX at f = 0 with more columns, fitted to
+//! the same samples as the sticky model, and pays for each of its parameters.
 //!
-//! * *oscillating load*: a periodic disturbance, `sum over h of s_h sin(h w k) + c_h cos(h w k)`, its period taken
-//!   from the comb of lines in the residual (a square or triangular load in a sound loop cries wolf otherwise);
-//! * *recurring load*: what happened one period ago, as lags of y and u about a period: periodic, but with a
-//!   shape or period that drifts;
-//! * *clipped valve*: `z = clip(u)` at the level that fits best.
-//!
-//! The sticky model has to be better than each by AIC, every parameter of the rival paid for.
+//! * *Oscillating load*: `sum over h of s_h sin(h w k) + c_h cos(h w k)`. Its frequency w is that of a comb of lines in the
+//!   spectrum of the residual. A square or triangular load in a sound loop looks like friction otherwise.
+//! * *Recurring load*: lags of y and u about one period: a load that repeats, with a shape or period that drifts.
+//! * *Clipped valve*: `z = clip(u)` at the two levels that fit best.
 
 use super::armax::LOSS_FLOOR;
 use super::screen::{LONG_Y, Screen};
 use super::search::Problem;
-use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, substitute};
+use crate::sysid::least_squares::{MOST_COLUMNS, dot, dot_long, factor, substitute};
 use crate::sysid::spectrum;
 use crate::sysid::stats::range;
 use std::f64::consts::TAU;
 
-/// Harmonic counts tried for a periodic load: from a sine to one with corners.
+/// Numbers of harmonics that are tried for a periodic load: from a sine to a wave with corners.
 const HARMONICS: [usize; 8] = [1, 2, 3, 5, 8, 14, 24, 40];
 /// Lags to each side of one period in the recurring load, whose period drifts.
 const REACH: usize = 3;
-/// Clip levels tried on each side and pass: each pass is finer.
+/// Clip levels that are tried on each side and pass; each pass is finer.
 const LEVELS: usize = 12;
 
-/// One frictionless explanation.
+/// An explanation without friction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Rival {
-    /// A linear loop with nothing added.
+    /// A linear loop.
     Linear,
-    /// A periodic load of so many harmonics.
+    /// A linear loop with a periodic load.
     OscillatingLoad {
         /// Period (samples).
         period: f64,
-        /// Harmonics.
+        /// Number of harmonics, the fundamental included.
         harmonics: usize,
     },
-    /// A load that repeats after about a period.
+    /// A linear loop with a load that repeats after about a period.
     RecurringLoad {
         /// Period (samples).
         period: usize,
@@ -46,7 +43,7 @@ pub enum Rival {
 }
 
 impl Rival {
-    /// The rival in words.
+    /// The rival as an operator reads it.
     pub fn name(&self) -> &'static str {
         match self {
             Rival::Linear => "a linear loop",
@@ -57,37 +54,37 @@ impl Rival {
     }
 }
 
-/// A rival against the sticky model.
+/// A rival, compared with the sticky model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rated {
     /// The rival.
     pub rival: Rival,
-    /// `AIC(rival) - AIC(sticky)`, friction's own parameters not yet paid for.
+    /// `AIC(rival) - AIC(sticky)`, without the penalty of the parameters of friction (-).
     pub gain: f64,
 }
 
-/// The sticky model against the best frictionless explanation of each kind.
+/// Compares the sticky model with every explanation without friction, at its best parameters.
 ///
-/// * `element`: the sticky model's friction element, from OP to stem position.
+/// * `element`: the friction element of the sticky model, from OP to the stem position.
 /// * `period_hint`: period of OP's oscillation (samples).
 pub fn rate(p: &Problem, element: &dyn Fn(&[f64]) -> Vec<f64>, period_hint: Option<f64>) -> Vec<Rated> {
     let stem = element(&p.u);
     let n = p.rows();
-    let sticky = Fitter::new(p, &stem).loss(&[]);
+    let sticky = Fitter::new(p, &stem).loss(Vec::new());
     let mut sound = Fitter::new(p, &p.u);
     let gain = |loss: f64, parameters: usize| {
         n * ((loss + LOSS_FLOOR) / (sticky + LOSS_FLOOR)).ln() + 2.0 * parameters as f64
     };
-    let mut rated = vec![Rated { rival: Rival::Linear, gain: gain(sound.loss(&[]), 0) }];
+    let mut rated = vec![Rated { rival: Rival::Linear, gain: gain(sound.loss(Vec::new()), 0) }];
     let found = combs(&sound.residual(), period_hint);
     let mut at = |(period, harmonics): (f64, usize)| -> Comb {
-        let loss = sound.loss(&harmonic_columns(p, TAU / period, harmonics));
+        let loss = sound.loss(harmonic_columns(p, TAU / period, harmonics));
         Comb { period, harmonics, gain: gain(loss, 2 * harmonics + 1) }
     };
     let mut combs: Vec<Comb> = found.iter().map(|&comb| at(comb)).collect();
     combs.sort_by(|a, b| a.gain.total_cmp(&b.gain));
-    let sharpened = combs.into_iter().take(2).map(|start| sharpen(start, &mut at, n));
-    if let Some(best) = sharpened.min_by(|a, b| a.gain.total_cmp(&b.gain)) {
+    let refined = combs.into_iter().take(2).map(|start| refine_frequency(start, &mut at, n));
+    if let Some(best) = refined.min_by(|a, b| a.gain.total_cmp(&b.gain)) {
         let rival = Rival::OscillatingLoad { period: best.period, harmonics: best.harmonics };
         rated.push(Rated { rival, gain: best.gain });
     }
@@ -97,27 +94,31 @@ pub fn rate(p: &Problem, element: &dyn Fn(&[f64]) -> Vec<f64>, period_hint: Opti
     periods.retain(|period| *period > LONG_Y + REACH && period + REACH < p.y.len() / 3);
     rated.extend(periods.into_iter().map(|period| {
         let columns = recurring_columns(p, period);
-        Rated { rival: Rival::RecurringLoad { period }, gain: gain(sound.loss(&columns), columns.len()) }
+        let many = columns.len();
+        Rated { rival: Rival::RecurringLoad { period }, gain: gain(sound.loss(columns), many) }
     }));
     let (loss, bounds) = clipped(p);
     let clipped_op: Vec<f64> = p.u.iter().map(|u| u.max(bounds[0]).min(bounds[1])).collect();
-    // Friction behind the same clip is the fair opponent: a valve may stick and run into its stop.
-    let both = Fitter::new(p, &element(&clipped_op)).loss(&[]);
+    // A valve may stick and run into its stop as well, so friction behind the same clip is compared, too.
+    let both = Fitter::new(p, &element(&clipped_op)).loss(Vec::new());
     rated.push(Rated { rival: Rival::ClippedValve, gain: gain(loss, 2).max(gain(loss, 0) - gain(both, 0)) });
     rated
 }
 
-/// A periodic load of the sound model.
+/// A periodic load with its `AIC - AIC(sticky)`.
 #[derive(Clone, Copy)]
 struct Comb {
+    /// Period (samples).
     period: f64,
     harmonics: usize,
     gain: f64,
 }
 
-/// Golden section on the frequency, within what the comb's grid leaves open: the comb of a nearly noise-free
-/// record is far sharper than its spectrum.
-fn sharpen(start: Comb, at: &mut impl FnMut((f64, usize)) -> Comb, n: f64) -> Comb {
+/// Refines the frequency of a periodic load by golden section, within the resolution of the spectrum.
+///
+/// * `at`: the periodic load at a period and a number of harmonics.
+/// * `n`: number of samples that count.
+fn refine_frequency(start: Comb, at: &mut impl FnMut((f64, usize)) -> Comb, n: f64) -> Comb {
     /// Share of the interval that a golden section keeps: `(sqrt 5 - 1)/2`.
     const GOLDEN: f64 = 0.618_033_988_75;
     let w = TAU / start.period;
@@ -145,15 +146,20 @@ fn sharpen(start: Comb, at: &mut impl FnMut((f64, usize)) -> Comb, n: f64) -> Co
     best
 }
 
-/// The long ARX of one stem position with further columns, by one Cholesky each.
+/// The long ARX at one stem position, to which columns can be added.
 struct Fitter<'a> {
     p: &'a Problem,
+    /// Number of rows that count.
     rows: usize,
-    /// Columns and y, 0 where a row does not count.
+    /// The columns of the long ARX without the constant, 0 where a row does not count.
     base: Vec<Vec<f64>>,
+    /// PV, 0 where a row does not count.
     y: Vec<f64>,
+    /// Gram matrix of the constant and the base columns, lower triangle.
     base_gram: Vec<f64>,
+    /// Cholesky factor of the last fit.
     gram: Vec<f64>,
+    /// Coefficients of the last fit.
     right: [f64; MOST_COLUMNS],
 }
 
@@ -170,12 +176,12 @@ impl<'a> Fitter<'a> {
             (1..=LONG_Y).map(|l| lagged(&p.y, l)).chain((1..=nx).map(|l| lagged(stem, l))).collect();
         let mut base_gram = vec![0.0; MOST_COLUMNS * MOST_COLUMNS];
         let rows = p.counted().rows(n);
-        // The constant comes first.
+        // The constant is the first column.
         base_gram[0] = rows as f64;
         for (i, a) in base.iter().enumerate() {
             base_gram[(i + 1) * MOST_COLUMNS] = a.iter().sum();
             for (j, b) in base[..=i].iter().enumerate() {
-                base_gram[(i + 1) * MOST_COLUMNS + j + 1] = dot(a, b);
+                base_gram[(i + 1) * MOST_COLUMNS + j + 1] = dot_long(a, b);
             }
         }
         Self {
@@ -189,9 +195,8 @@ impl<'a> Fitter<'a> {
         }
     }
 
-    /// Mean square of the residual with `extra` columns, one value for each sample from the first on.
-    fn loss(&mut self, extra: &[Vec<f64>]) -> f64 {
-        let mut extra = extra.to_vec();
+    /// Mean square of the residual with `extra` columns (PV unit²); each has one value for each sample from [`Problem::first`] on.
+    fn loss(&mut self, mut extra: Vec<Vec<f64>>) -> f64 {
         extra.iter_mut().for_each(|column| self.p.blank(column));
         let y = &self.y;
         let count = 1 + self.base.len();
@@ -200,29 +205,29 @@ impl<'a> Fitter<'a> {
         self.gram[..count * MOST_COLUMNS].copy_from_slice(&self.base_gram[..count * MOST_COLUMNS]);
         self.right[0] = y.iter().sum();
         for (r, a) in self.right[1..].iter_mut().zip(&self.base) {
-            *r = dot(a, y);
+            *r = dot_long(a, y);
         }
         for (i, a) in extra.iter().enumerate() {
             let row = &mut self.gram[(count + i) * MOST_COLUMNS..(count + i + 1) * MOST_COLUMNS];
             row[0] = a.iter().sum();
             for (g, b) in row[1..].iter_mut().zip(&self.base) {
-                *g = dot(a, b);
+                *g = dot_long(a, b);
             }
             for (g, b) in row[count..].iter_mut().zip(&extra[..=i]) {
-                *g = dot(a, b);
+                *g = dot_long(a, b);
             }
-            self.right[count + i] = dot(a, y);
+            self.right[count + i] = dot_long(a, y);
         }
         let mut live = [true; MOST_COLUMNS];
         factor(&mut self.gram, MOST_COLUMNS, size, &mut live);
         let right = self.right;
         substitute(&self.gram, MOST_COLUMNS, &live, &mut self.right[..size]);
-        ((dot(y, y) - dot(&right[..size], &self.right[..size])) / self.rows as f64).max(0.0)
+        ((dot_long(y, y) - dot(&right[..size], &self.right[..size])) / self.rows as f64).max(0.0)
     }
 
-    /// The residual of the plain long ARX.
+    /// The residual of the long ARX without further columns.
     fn residual(&mut self) -> Vec<f64> {
-        self.loss(&[]);
+        self.loss(Vec::new());
         let mut e: Vec<f64> = self.y.iter().map(|y| y - self.right[0]).collect();
         for (a, c) in self.base.iter().zip(&self.right[1..]) {
             for (e, a) in e.iter_mut().zip(a) {
@@ -234,7 +239,8 @@ impl<'a> Fitter<'a> {
     }
 }
 
-/// Candidate combs (period in samples, harmonics) in the residual's spectrum, the best two for each count.
+/// The periods (samples) and numbers of harmonics of the strongest combs of lines in the spectrum of a residual: two for each
+/// number of harmonics, and `hint`.
 pub fn combs(residual: &[f64], hint: Option<f64>) -> Vec<(f64, usize)> {
     let n = residual.len();
     let size = (4 * n).next_power_of_two();
@@ -242,7 +248,7 @@ pub fn combs(residual: &[f64], hint: Option<f64>) -> Vec<(f64, usize)> {
     padded[..n].copy_from_slice(residual);
     let power = spectrum::power(&mut padded);
     let floor = power.iter().sum::<f64>() / power.len() as f64;
-    // Four periods in the record at least, two samples a half-period at most.
+    // The record has at least four periods, and a period at least four samples.
     let (low, high) = (4 * size / n, size / 4);
     let mut found = Vec::new();
     for harmonics in HARMONICS {
@@ -258,7 +264,7 @@ pub fn combs(residual: &[f64], hint: Option<f64>) -> Vec<(f64, usize)> {
         best.sort_by(|a, b| b.0.total_cmp(&a.0));
         let mut kept: Vec<usize> = Vec::new();
         for (_, i) in best {
-            // Two bins of the padded transform are the same line.
+            // Bins of the padded transform that are closer than its resolution belong to one line.
             if kept.iter().all(|k| k.abs_diff(i) > size / n) {
                 kept.push(i);
             }
@@ -274,20 +280,19 @@ pub fn combs(residual: &[f64], hint: Option<f64>) -> Vec<(f64, usize)> {
     found
 }
 
+/// `sin(h w k)` and `cos(h w k)` for h = 1..=harmonics, one value for each sample from the first that counts on.
 fn harmonic_columns(p: &Problem, w: f64, harmonics: usize) -> Vec<Vec<f64>> {
     let (first, n) = (p.first, p.y.len());
     (1..=harmonics)
         .flat_map(|h| {
             let w = w * h as f64;
-            [
-                (first..n).map(|k| (w * k as f64).sin()).collect(),
-                (first..n).map(|k| (w * k as f64).cos()).collect::<Vec<f64>>(),
-            ]
+            let (sines, cosines): (Vec<f64>, Vec<f64>) = (first..n).map(|k| (w * k as f64).sin_cos()).unzip();
+            [sines, cosines]
         })
         .collect()
 }
 
-/// Lags of y and u about one period; before the record begins they are 0, its mean.
+/// Lags of y and u about one period; before the record begins they are 0, the mean of the record.
 fn recurring_columns(p: &Problem, period: usize) -> Vec<Vec<f64>> {
     let lagged = |v: &[f64], lag: usize| -> Vec<f64> {
         (p.first..v.len()).map(|k| k.checked_sub(lag).map_or(0.0, |at| v[at])).collect()
@@ -295,7 +300,9 @@ fn recurring_columns(p: &Problem, period: usize) -> Vec<Vec<f64>> {
     (period - REACH..=period + REACH).flat_map(|lag| [lagged(&p.y, lag), lagged(&p.u, lag)]).collect()
 }
 
-/// The least long-ARX loss over a lower and an upper clip level of OP, each in turn, on finer and finer grids.
+/// The least loss of the long ARX over the lower and the upper clip level of OP, and these levels (unit of the problem's OP).
+///
+/// Both are searched together on a grid, then each in turn on finer and finer grids.
 fn clipped(p: &Problem) -> (f64, [f64; 2]) {
     let (low, high) = range(&p.u);
     let mut screen = Screen::new(&p.y, p.counted(), p.max_delay);
@@ -310,7 +317,7 @@ fn clipped(p: &Problem) -> (f64, [f64; 2]) {
     };
     let mut best = (f64::INFINITY, [low, high]);
     let mut reach = high - low;
-    // Both levels together first: with one side wrong the other shows no gain.
+    // Both levels together: while one is wrong, the other shows no gain.
     for lower in 0..LEVELS {
         for upper in 0..LEVELS - 1 {
             let share = |i: usize| 0.5 * i as f64 / LEVELS as f64;

@@ -1,14 +1,20 @@
-//! Screening: one Gram matrix of lagged columns that serves every structure at one stem position.
+//! Screening: the loss of every structure at one stem position by linear least squares, from one Gram matrix.
 //!
-//! Three fits read it. The *long ARX* regresses y on its own lags and the lags of `z = x - lag dir`; it needs no
-//! choice of structure, so it is the yardstick along f. Its residual ê estimates the innovations. The
-//! *Hannan–Rissanen* fit of a structure regresses y on `[y lags, z lags, ê lags, 1]` and starts the
-//! prediction-error minimum. All structures share the same columns, so each fit is a sub-block; the columns of
-//! one signal differ by two products, so a row of dot products fills a block.
+//! ```text
+//! long ARX:         y[k] = sum_{i=1}^{8} a_i y[k-i] + sum_{j=1}^{nx} b_j z[k-j] + c + ê[k],     z = x - lag dir
+//! Hannan–Rissanen:  y[k] = -sum a_i y[k-i] + sum b_j z[k-nk-(j-1)] + sum c_l ê[k-l] + c0 + w[k]
+//! ```
+//!
+//! * The *long ARX* needs no choice of orders or delay, so its loss is compared along f. Its residual ê estimates the errors e.
+//! * The *Hannan–Rissanen* fit of a structure (orders and delay) is the start of its prediction-error fit.
+//! * All structures share the columns, so the normal equations of each are a part of one Gram matrix.
+//! * The products of two lagged columns differ from those of the lags before by two terms, so one row of dot products gives a
+//!   block.
 //!
 //! Source: Hannan & Rissanen, Biometrika 1982, 69, 81; Ljung, System Identification, 2nd ed., section 10.6.
 
 use super::armax::{Fit, ORDER, Orders, Signals, Theta, splits};
+use super::lagged_products::{Counted, Lags, products, sums};
 use crate::signal::Row;
 use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, substitute};
 
@@ -19,7 +25,7 @@ pub const LONGEST_DELAY: usize = 30;
 /// Lags of ê: as many as the longest C.
 const E_LAGS: usize = ORDER - 2;
 
-/// One structure's least-squares fit.
+/// The least-squares fit of one structure.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Candidate {
     /// Orders.
@@ -31,13 +37,13 @@ pub struct Candidate {
 }
 
 impl Candidate {
-    /// The start of a minimisation, with a lag.
+    /// It as the start of a prediction-error fit, with this kinetic lag (OP unit).
     pub fn start(&self, lag: f64) -> Fit {
         Fit { orders: self.orders, theta: Theta { lag, ..self.theta }, loss: self.loss, iterations: 0 }
     }
 }
 
-/// The long ARX at the lag that fits best.
+/// The long ARX at its best kinetic lag.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LongFit {
     /// Mean square of the residual (PV unit²).
@@ -46,16 +52,20 @@ pub struct LongFit {
     pub lag: f64,
 }
 
-/// The Gram matrix of the lagged columns, planned once for a record.
+/// The Gram matrix of the lagged columns, allocated once for a record.
 ///
-/// Columns: y lag 0..=LONG_Y, z lag 1..=nx, ê lag 1..=E_LAGS; beside them the products with dir.
+/// Columns: y at lags 0..=LONG_Y, z at lags 1..=nx, ê at lags 1..=E_LAGS. The products with dir are beside them, so that another
+/// kinetic lag needs no new products.
 #[derive(Clone, Debug)]
 pub struct Screen {
     max_delay: usize,
+    /// Number of lags of z.
     nx: usize,
+    /// Number of columns.
     size: usize,
-    /// Lagged products of y and z (lower triangle), then of ê.
+    /// Gram matrix, lower triangle.
     gram: Vec<f64>,
+    /// Sum of each column.
     sums: Vec<f64>,
     /// Products of x and dir with y (nx × (LONG_Y + 1)), x with x, x with dir, dir with dir (nx × nx each).
     xy: Vec<f64>,
@@ -65,18 +75,23 @@ pub struct Screen {
     dd: Vec<f64>,
     x_sums: Vec<f64>,
     d_sums: Vec<f64>,
+    /// Whether the products with dir are those of the present stem.
     has_dir: bool,
-    /// The lag that z is at now (OP unit).
+    /// The kinetic lag of the present z (OP unit).
     lag: f64,
     live: [bool; MOST_COLUMNS],
+    /// Number of rows that count.
     rows: usize,
+    /// Cholesky factor of the last solution.
     scratch: Vec<f64>,
+    /// Coefficients of the last solution.
     solution: Vec<f64>,
+    /// ê, one value for each sample.
     e: Vec<f64>,
 }
 
 impl Screen {
-    /// Buffers for records of `n` samples and delays `1..=max_delay`, with y's own products computed.
+    /// Allocates the buffers for PV `y` and delays `1..=max_delay`, and computes the products of the lags of y.
     pub fn new(y: &[f64], counted: Counted<'_>, max_delay: usize) -> Self {
         let nx = Self::input_lags(max_delay);
         let size = 1 + LONG_Y + nx + E_LAGS;
@@ -107,17 +122,17 @@ impl Screen {
         screen
     }
 
-    /// Lags of the stem position: the longest delay and the longest B behind it.
+    /// Number of lags of the stem position: the longest delay with the longest B.
     pub fn input_lags(max_delay: usize) -> usize {
         max_delay + ORDER - 2
     }
 
-    /// Samples before the first that counts: the longest lag, and the lags of ê behind it.
+    /// Number of samples between the start of the stem and the first that counts: the longest lag, and the lags of ê before it.
     pub fn lead(max_delay: usize) -> usize {
         LONG_Y.max(Self::input_lags(max_delay)) + E_LAGS + 1
     }
 
-    /// Computes the products of a new stem position; those of its direction too when `with_dir`.
+    /// Computes the products of a new stem position, and with `with_dir` those of its direction.
     pub fn load(&mut self, s: &Signals<'_>, with_dir: bool) {
         let y = Lags { v: s.y, from: 0, count: LONG_Y + 1 };
         let x = Lags { v: s.x, from: 1, count: self.nx };
@@ -135,8 +150,11 @@ impl Screen {
         self.set_lag(0.0);
     }
 
-    /// The long ARX with the lag in `0..=max` that fits best, by Gauss–Newton on the lag alone; the Gram matrix
-    /// is left at that lag. `start` is where the lag is tried first.
+    /// The long ARX with the best kinetic lag in `0..=max` (OP unit), by Gauss–Newton on the lag alone.
+    ///
+    /// * `start`: the lag that is tried first.
+    ///
+    /// The Gram matrix is left at the best lag.
     pub fn fit_lag(&mut self, start: f64, max: f64) -> LongFit {
         self.set_lag(0.0);
         let mut best = LongFit { loss: self.long_arx(), lag: 0.0 };
@@ -164,7 +182,7 @@ impl Screen {
         best
     }
 
-    /// Takes the long ARX's residual at `lag` as ê: what the first Hannan–Rissanen fits need.
+    /// Takes the residual of the long ARX at the kinetic lag `lag` as ê, for the Hannan–Rissanen fits.
     pub fn load_errors(&mut self, s: &Signals<'_>, lag: f64) {
         self.set_lag(lag);
         self.long_arx();
@@ -172,15 +190,16 @@ impl Screen {
         self.multiply_errors(s, lag);
     }
 
-    /// Takes the prediction errors of a fitted model as ê: a long ARX cannot follow a zero of C near the unit
-    /// circle, and ranks the structures that have one too low.
+    /// Takes the prediction errors of a fitted ARMAX model with the kinetic lag `lag` as ê.
+    ///
+    /// The long ARX cannot follow a zero of C near the unit circle, so with its residual structures with such a zero rank too low.
     pub fn reload_errors(&mut self, s: &Signals<'_>, lag: f64, errors: &[f64]) {
         self.set_lag(lag);
         self.e.copy_from_slice(errors);
         self.multiply_errors(s, lag);
     }
 
-    /// The lagged products of ê with every column.
+    /// Computes the products of the lags of ê with every column.
     fn multiply_errors(&mut self, s: &Signals<'_>, lag: f64) {
         let (counted, at) = (s.counted(), 1 + LONG_Y + self.nx);
         let e = std::mem::take(&mut self.e);
@@ -232,15 +251,15 @@ impl Screen {
         Candidate { orders, theta, loss }
     }
 
-    /// The loss of every split at every delay, to `each`; [`Screen::fit`] gives the coefficients of those wanted.
+    /// Calls `each` with every structure and its loss; [`Screen::fit`] gives the coefficients.
     ///
-    /// Structures that begin with the same columns share the rows of their Cholesky factor, and the loss needs the
-    /// forward substitution alone.
+    /// Structures that begin with the same columns share the first rows of their Cholesky factor. The loss needs the forward
+    /// substitution alone.
     pub fn rank_all(&self, mut each: impl FnMut(Orders, f64)) {
         let (x_at, e_at) = (LONG_Y + 1, LONG_Y + 1 + self.nx);
         let per_row = 1.0 / self.rows as f64;
         let total = self.gram[0] - self.sums[0] * self.sums[0] * per_row;
-        let mut rows = Rows::default();
+        let mut rows = FactorRows::default();
         for na in 1..ORDER {
             rows.append(self, na - 1, na);
             for nk in 1..=self.max_delay {
@@ -257,7 +276,7 @@ impl Screen {
         }
     }
 
-    /// Fits every split at every delay and hands each to `each`.
+    /// Calls `each` with the fit of every structure.
     pub fn fit_all(&mut self, mut each: impl FnMut(Candidate)) {
         for nk in 1..=self.max_delay {
             for orders in splits(nk) {
@@ -267,7 +286,7 @@ impl Screen {
         }
     }
 
-    /// Puts the products of `z = x - lag dir` in place.
+    /// Computes the products of `z = x - lag dir` from those of x and dir.
     fn set_lag(&mut self, lag: f64) {
         let (nx, ny, size, at) = (self.nx, LONG_Y + 1, self.size, LONG_Y + 1);
         self.lag = lag;
@@ -290,7 +309,7 @@ impl Screen {
         }
     }
 
-    /// Regresses y on all its lags and those of z; returns the mean square of the residual.
+    /// Fits the long ARX; returns the mean square of its residual (PV unit²).
     fn long_arx(&mut self) -> f64 {
         let mut columns = [0; MOST_COLUMNS];
         let count = LONG_Y + self.nx;
@@ -300,14 +319,15 @@ impl Screen {
         self.solve(&columns[..count])
     }
 
-    /// Regresses y on its own lags alone; returns the mean square of the residual.
+    /// Regresses y on its own lags alone; returns the mean square of the residual (PV unit²).
     pub fn without_input(&mut self) -> f64 {
         let columns: [usize; LONG_Y] = std::array::from_fn(|i| i + 1);
         self.solve(&columns)
     }
 
-    /// The Gauss–Newton step of the lag from the last long ARX solution: least squares of the residual on the
-    /// column `-B(q) dir`, made orthogonal to the regressors.
+    /// The Gauss–Newton step of the kinetic lag at the last long ARX (OP unit).
+    ///
+    /// It is the least-squares coefficient of the residual on the column `-B(q) dir`, made orthogonal to the other columns.
     fn lag_step(&mut self) -> f64 {
         let (nx, ny) = (self.nx, LONG_Y + 1);
         let count = LONG_Y + nx;
@@ -342,6 +362,7 @@ impl Screen {
         if remaining > 1e-9 * vv && vv > 0.0 { -residual_product / remaining } else { 0.0 }
     }
 
+    /// Puts the residual of the last long ARX into ê; it is 0 where a sample does not count.
     fn long_residual(&mut self, s: &Signals<'_>, lag: f64) {
         let n = s.y.len();
         let count = LONG_Y + self.nx;
@@ -365,12 +386,14 @@ impl Screen {
                 *e -= c * (x - lag * d);
             }
         }
-        let not = s.rows.worth.iter().enumerate().filter(|(_, worth)| **worth != Row::Counts);
-        not.for_each(|(k, _)| self.e[k] = 0.0);
+        let left_out = s.rows.worth.iter().enumerate().filter(|(_, worth)| **worth != Row::Counts);
+        left_out.for_each(|(k, _)| self.e[k] = 0.0);
     }
 
-    /// Least squares of column 0 on `columns`, all centred (which is what a free constant does); the solution
-    /// is left in `self.solution`, the factor in `self.scratch`. Returns the mean square of the residual.
+    /// Least squares of column 0 (y) on `columns`, all less their means, as with a free constant. Returns the mean square of the
+    /// residual.
+    ///
+    /// The coefficients are left in `self.solution`, the Cholesky factor in `self.scratch`.
     fn solve(&mut self, columns: &[usize]) -> f64 {
         let n = columns.len();
         let per_row = 1.0 / self.rows as f64;
@@ -392,17 +415,17 @@ impl Screen {
     }
 }
 
-/// The rows of a Cholesky factor of centred columns, and the forward substitution beside them.
+/// The rows of a Cholesky factor of columns less their means, and the forward substitution of y beside them.
 #[derive(Default)]
-struct Rows {
+struct FactorRows {
     columns: [usize; ORDER],
     l: [[f64; ORDER]; ORDER],
     right: [f64; ORDER],
     live: [bool; ORDER],
 }
 
-impl Rows {
-    /// Puts `column` in row `i`, behind those that stand there.
+impl FactorRows {
+    /// Computes row `i` for `column`; the rows before it stay, those after it are void.
     #[inline]
     fn append(&mut self, screen: &Screen, i: usize, column: usize) {
         self.columns[i] = column;
@@ -425,75 +448,6 @@ impl Rows {
         self.live[i] = pivot > 1e-13 * diagonal && pivot > 0.0;
         row[i] = if self.live[i] { pivot.sqrt() } else { 1.0 };
         self.right[i] = if self.live[i] { right / row[i] } else { 0.0 };
-    }
-}
-
-/// A run of lagged columns of one signal: lags `from..from + count`.
-#[derive(Clone, Copy)]
-pub(super) struct Lags<'a> {
-    pub(super) v: &'a [f64],
-    pub(super) from: usize,
-    pub(super) count: usize,
-}
-
-/// Samples that count: from the first on, but those left out.
-#[derive(Clone, Copy, Debug)]
-pub struct Counted<'a> {
-    /// The first.
-    pub first: usize,
-    /// Those behind it that do not count, in order.
-    pub left_out: &'a [usize],
-}
-
-impl Counted<'_> {
-    /// How many of `n` samples count.
-    pub fn rows(&self, n: usize) -> usize {
-        n - self.first - self.left_out.len()
-    }
-}
-
-/// `out[i][j] = sum over k that count of a[k - lag_i] b[k - lag_j]`, the lower triangle only when `same`.
-pub(super) fn products(
-    a: Lags<'_>,
-    b: Lags<'_>,
-    counted: Counted<'_>,
-    same: bool,
-    out: &mut [f64],
-    stride: usize,
-) {
-    let (n, first) = (a.v.len(), counted.first);
-    for i in 0..a.count {
-        let li = a.from + i;
-        let ai = &a.v[first - li..n - li];
-        for j in 0..if same { i + 1 } else { b.count } {
-            let lj = b.from + j;
-            out[i * stride + j] = if i > 0 && j > 0 {
-                out[(i - 1) * stride + j - 1] + a.v[first - li] * b.v[first - lj] - a.v[n - li] * b.v[n - lj]
-            } else {
-                dot(ai, &b.v[first - lj..n - lj])
-            };
-        }
-    }
-    for &k in counted.left_out {
-        for i in 0..a.count {
-            let value = a.v[k - a.from - i];
-            for j in 0..if same { i + 1 } else { b.count } {
-                out[i * stride + j] -= value * b.v[k - b.from - j];
-            }
-        }
-    }
-}
-
-/// The sum of each lagged column.
-pub(super) fn sums(a: Lags<'_>, counted: Counted<'_>, out: &mut [f64]) {
-    let (n, first) = (a.v.len(), counted.first);
-    let mut sum: f64 = a.v[first - a.from..n - a.from].iter().sum();
-    for (lag, out) in (a.from..a.from + a.count).zip(out) {
-        *out = sum - counted.left_out.iter().map(|k| a.v[k - lag]).sum::<f64>();
-        // One lag further on the run starts one sample earlier.
-        if first > lag {
-            sum += a.v[first - lag - 1] - a.v[n - lag - 1];
-        }
     }
 }
 

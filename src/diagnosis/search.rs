@@ -1,83 +1,87 @@
-//! The search over f: the paper's grid of ARMAX fits, and the exact profile over every distinguishable f.
+//! The search over f: the paper's grid of ARMAX fits, the exact profile over f, and the refinement of the best of both.
 //!
-//! Two passes read the same window. [`Searcher::grid`] is the paper's, in a file of its own. [`Searcher::profile`]
-//! walks the [`Cell`]s of f, of which sampled data can tell no two points apart, with the long ARX; at low
-//! noise the minimum is one cell wide and a grid steps over it. [`Searcher::refine`] fits the ARMAX model with
-//! a kinetic lag in the best cells of both, settles the best of these from every start there is, and keeps the f with the
-//! least `AIC(ARMAX) + AIC(long ARX)`: two views of the noise err in different places.
+//! 1. [`Searcher::grid`]: the ARMAX loss at equally spaced values of f (`grid.rs`).
+//! 2. [`Searcher::profile`]: the loss of a long ARX in every [`Cell`]. A cell is a range of f with one and the same stem, so
+//!    sampled data cannot tell its values apart. At low noise the minimum is one cell wide, and a grid misses it.
+//! 3. [`Searcher::refine`]: ARMAX fits with a kinetic lag in the best cells of both. The best of these are *settled*: fitted from
+//!    all starts. The estimate has the least `AIC(ARMAX) + AIC(long ARX)`, because the two models err in different places.
+//!
+//! Many fits compete by successive halving: a few iterations for all of them, then the best go on.
 
 use super::armax::{Fit, LOSS_FLOOR, Lag, Orders, Rows, Signals, Theta, Workspace};
-use super::explore::Explorer;
 use super::friction::{Cell, Start, reversals, stick_slip};
-use super::screen::{Candidate, Counted, Screen};
+use super::lagged_products::Counted;
+use super::noise_models::Library;
+use super::screen::{Candidate, Screen};
 use crate::signal::{Row, Window};
 
 /// Most cells of the paper's element that the profile visits; more are thinned evenly in f.
 const MOST_CELLS: usize = 1000;
 /// Resume thresholds J/S of the extended elements; 0 is the paper's.
 const RESUMES: [f64; 5] = [0.2, 0.4, 0.6, 0.8, 1.0];
-/// Cells of an extended element on the first pass, at most.
+/// Most cells of an extended element on the first, coarse pass.
 const COARSE_CELLS: usize = 80;
-/// Cells around its best on the second pass, at most.
+/// Most cells around the best of it on the second, fine pass.
 const FINE_CELLS: usize = 60;
 /// Coarse steps to each side of the best that the second pass covers.
 const FINE_REACH: f64 = 3.0;
-/// Fewest stem reversals in a window that say anything about f: those of two cycles.
+/// Fewest reversals of the stem in a window from which f is estimated: those of two cycles.
 pub const LEAST_REVERSALS: usize = 4;
 /// Structures fitted at each cell of the refinement: the best by the screening.
 const FITTED: usize = 12;
 /// Relative decrease of the loss at which a rough minimisation ends: 0.1 in N ln V of 1,000 samples.
 pub(super) const ROUGH: f64 = 1e-4;
-/// The same of one that decides: 0.001 in N ln V.
+/// Relative decrease of the loss at which a minimisation that decides ends: 0.001 in N ln V.
 pub(super) const PRECISE: f64 = 1e-6;
-/// Most iterations of a minimisation that is to reach the end.
+/// Most iterations of a minimisation that is to converge.
 pub(super) const FINAL: usize = 40;
-/// Rounds of a race: iterations in it, and how many go on.
+/// Rounds of successive halving: iterations of each fit, and how many fits go on.
 pub(super) type Rounds = [(usize, usize)];
 /// Rounds where a cell is refined.
 const SHORT_RACE: [(usize, usize); 1] = [(2, 4)];
-/// Rounds where one is settled, with every start.
+/// Rounds where a cell is settled, with every start.
 const LONG_RACE: [(usize, usize); 2] = [(2, 60), (3, 16)];
-/// Rounds of those that start from the best model's errors.
+/// Rounds of the structures that start again with the errors of the best model.
 const RESCREEN_RACE: [(usize, usize); 1] = [(2, 6)];
-/// Structures that start from the best model's errors.
+/// Structures that start again with the errors of the best model.
 const RESCREENED: usize = 40;
-/// How often the best may change that way.
+/// Most repetitions of that.
 const RESCREENS: usize = 3;
-/// Cells of the exact profile that the refinement looks at; of the grid's values half as many.
+/// Cells of the exact profile that are refined; of the grid's values half as many.
 const REFINED: usize = 10;
-/// Cells among them that are settled: the best.
+/// Best cells among them that are settled.
 const SETTLED: usize = 2;
 
 /// One window, normalised to zero mean and unit variance, ready for the search.
 #[derive(Clone, Debug)]
 pub struct Problem {
-    /// OP.
+    /// OP (standard deviations of OP).
     pub u: Vec<f64>,
-    /// PV.
+    /// PV (standard deviations of PV).
     pub y: Vec<f64>,
-    /// Where the friction element starts.
+    /// The extremum of OP at which the friction element starts.
     pub start: Start,
     /// First sample that counts in the loss.
     pub first: usize,
-    /// Longest delay (samples).
+    /// Longest delay that is searched (samples).
     pub max_delay: usize,
-    /// Largest f at which the stem still reverses.
+    /// Largest f at which the stem still reverses (standard deviations of OP).
     pub f_top: f64,
-    /// Which samples do not count.
+    /// The samples that do not count.
     pub holes: Holes,
 }
 
-/// Samples that do not count in a window, as [`armax::Rows`](super::armax::Rows) wants them.
+/// The samples of a window that do not count, from which [`armax::Rows`](super::armax::Rows) are made.
 #[derive(Clone, Debug, Default)]
 pub struct Holes {
+    /// Their indices from the first sample that counts on, in order.
     left_out: Vec<usize>,
-    /// Empty where all count.
+    /// The kind of every sample; empty where all count.
     worth: Vec<Row>,
 }
 
 impl Holes {
-    /// Of a window whose first sample that counts is `first`.
+    /// The samples of a window that do not count, where `first` is the first one that may.
     pub fn of(window: &Window, first: usize) -> Self {
         Self {
             left_out: (first..window.rows.len()).filter(|k| window.rows[*k] != Row::Counts).collect(),
@@ -89,7 +93,7 @@ impl Holes {
         }
     }
 
-    /// Those among the first `n` samples.
+    /// The same for a fit to the first `n` samples.
     pub fn within(&self, n: usize) -> Rows<'_> {
         let end = self.left_out.partition_point(|k| *k < n);
         Rows { left_out: &self.left_out[..end], worth: &self.worth }
@@ -97,7 +101,7 @@ impl Holes {
 }
 
 impl Problem {
-    /// Samples that count in the loss.
+    /// The number N of samples that count in the loss.
     pub fn rows(&self) -> f64 {
         self.counted().rows(self.y.len()) as f64
     }
@@ -107,12 +111,12 @@ impl Problem {
         Counted { first: self.first, left_out: &self.holes.left_out }
     }
 
-    /// Takes what does not count out of one value for each sample from the first on.
+    /// Sets the values of samples that do not count to 0; `values` has one for each sample from [`Problem::first`] on.
     pub fn blank(&self, values: &mut [f64]) {
         self.holes.left_out.iter().for_each(|k| values[k - self.first] = 0.0);
     }
 
-    /// The values of the samples that count, out of one value for each sample from the first on.
+    /// The values of the samples that count; `values` has one for each sample from [`Problem::first`] on.
     pub fn counting(&self, values: &[f64]) -> Vec<f64> {
         let counts = |k: usize| self.holes.left_out.binary_search(&(self.first + k)).is_err();
         values.iter().enumerate().filter(|(k, _)| counts(*k)).map(|(_, value)| *value).collect()
@@ -125,25 +129,25 @@ impl Problem {
     }
 }
 
-/// The ARMAX model at one f of the grid.
+/// One value of f of the grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GridPoint {
-    /// Friction.
+    /// Friction f (unit of the problem's OP).
     pub f: f64,
-    /// Least loss over splits and delays; the screening value where no better was worth computing.
+    /// Least ARMAX loss V over splits and delays; that of the screening where no fit was made.
     pub loss: f64,
 }
 
 /// The long ARX in one cell of f.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CellPoint {
-    /// The values of f it holds for.
+    /// The range of f with this stem.
     pub cell: Cell,
-    /// Resume threshold J/S of the element.
+    /// Resume threshold J/S of the element (-).
     pub resume: f64,
-    /// Least loss over the kinetic lag.
+    /// Least loss V over the kinetic lag.
     pub loss: f64,
-    /// The kinetic lag at the minimum.
+    /// The kinetic lag at that minimum (unit of the problem's OP).
     pub lag: f64,
 }
 
@@ -154,41 +158,44 @@ impl CellPoint {
     }
 }
 
-/// The best model at one f by both views.
+/// The ARMAX model and the long ARX at one f.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Refined {
-    /// The cell.
+    /// The range of f with this stem.
     pub cell: Cell,
-    /// Resume threshold J/S of the element.
+    /// Resume threshold J/S of the element (-).
     pub resume: f64,
-    /// Friction.
+    /// Friction f (unit of the problem's OP).
     pub f: f64,
-    /// The ARMAX fit, kinetic lag included.
+    /// The ARMAX fit, with its kinetic lag.
     pub fit: Fit,
-    /// Loss of the long ARX there.
+    /// Loss V of the long ARX.
     pub long_loss: f64,
     /// Kinetic lag of the long ARX.
     pub long_lag: f64,
 }
 
 impl Refined {
-    /// What the search minimises: both views of the noise together (ln V).
+    /// What the search minimises: `ln V(ARMAX) + ln V(long ARX)`.
     pub fn score(&self) -> f64 {
         (self.fit.loss + LOSS_FLOOR).ln() + (self.long_loss + LOSS_FLOOR).ln()
     }
 }
 
-/// Buffers of a search, planned once for a window.
+/// The search of one problem, with its buffers.
 #[derive(Clone, Debug)]
 pub struct Searcher<'a> {
     pub(super) p: &'a Problem,
     pub(super) screen: Screen,
     pub(super) work: Workspace,
-    explorer: Explorer,
+    library: Library,
+    /// The present stem, before the kinetic lag.
     pub(super) x: Vec<f64>,
+    /// Direction of its last move.
     pub(super) dir: Vec<f64>,
     pub(super) candidates: Vec<Candidate>,
     pub(super) ranked: Vec<(f64, Orders)>,
+    /// The fits that compete.
     pub(super) running: Vec<Fit>,
     /// Prediction-error minimisations so far.
     pub fits: usize,
@@ -197,14 +204,14 @@ pub struct Searcher<'a> {
 }
 
 impl<'a> Searcher<'a> {
-    /// Plans the buffers.
+    /// A search of the problem; it allocates all buffers.
     pub fn new(p: &'a Problem) -> Self {
         let n = p.y.len();
         Self {
             p,
             screen: Screen::new(&p.y, p.counted(), p.max_delay),
             work: Workspace::new(n),
-            explorer: Explorer::new(p.max_delay),
+            library: Library::new(p.max_delay),
             x: vec![0.0; n],
             dir: vec![0.0; n],
             candidates: Vec::with_capacity(25 * p.max_delay),
@@ -215,8 +222,12 @@ impl<'a> Searcher<'a> {
         }
     }
 
-    /// The exact pass: the long ARX with its best kinetic lag in the cells of f between `from` and `to`, at
-    /// most `most` of them, thinned evenly in f.
+    /// The profile over f: the long ARX with its best kinetic lag in the cells between the f `from` and `to`.
+    ///
+    /// * `resume`: resume threshold J/S of the element (-).
+    /// * `most`: largest number of cells; more are thinned evenly in f.
+    ///
+    /// It ends where the stem reverses too seldom.
     pub fn profile(&mut self, resume: f64, from: f64, to: f64, most: usize) -> Vec<CellPoint> {
         let mut points = Vec::new();
         let least_step = (to - from) / most.max(1) as f64;
@@ -237,14 +248,14 @@ impl<'a> Searcher<'a> {
             if !cell.hi.is_finite() {
                 break;
             }
-            // Always further, also where rounding leaves a cell without width.
+            // f always increases, also where rounding leaves a cell without width.
             f = cell.hi.max(f + least_step).max(f.next_up());
         }
         points
     }
 
-    /// The profile over all f: every cell of the paper's element, the extended elements where they may be
-    /// better, and finely around the best of those. The first point is f = 0.
+    /// The profile over all f: every cell of the paper's element, then the extended elements coarsely, and finely around the best
+    /// of each. The first point is f = 0.
     pub fn full_profile(&mut self) -> Vec<CellPoint> {
         let top = self.p.f_top;
         let mut points = self.profile(0.0, 0.0, top, MOST_CELLS);
@@ -263,7 +274,7 @@ impl<'a> Searcher<'a> {
 
     /// Fits the ARMAX model with a kinetic lag at f = 0 and in the best cells of both passes.
     ///
-    /// Returns the frictionless model and the best sticky one, if there is any cell beyond 0.
+    /// Returns the model without friction, and the best model with friction; `None` where there is no cell beyond f = 0.
     pub fn refine(&mut self, grid: &[GridPoint], cells: &[CellPoint]) -> (Refined, Option<Refined>) {
         let sound = self.settle_at(0.0, 0.0, 0.0);
         let mut chosen = best_cells(cells, REFINED);
@@ -286,16 +297,19 @@ impl<'a> Searcher<'a> {
         (sound, settled.min_by(|a, b| a.score().total_cmp(&b.score())))
     }
 
-    /// Both fits at one f, the lag of the long ARX tried from `lag`; the structures that the screening ranks first.
+    /// The ARMAX model and the long ARX at one f, of the structures that the screening ranks first.
+    ///
+    /// * `lag`: where the kinetic lag of the long ARX starts.
     pub fn refine_at(&mut self, f: f64, resume: f64, lag: f64) -> Refined {
         self.fit_at(f, resume, lag, false)
     }
 
-    /// Both fits at one f with every structure started from every view of the noise.
+    /// The same with every structure, started from the screening and from the library of noise models.
     pub fn settle_at(&mut self, f: f64, resume: f64, lag: f64) -> Refined {
         self.fit_at(f, resume, lag, true)
     }
 
+    /// [`Searcher::settle_at`] where `thorough`, else [`Searcher::refine_at`].
     fn fit_at(&mut self, f: f64, resume: f64, lag: f64, thorough: bool) -> Refined {
         let cell = self.run_element(f, resume);
         let s = self.p.signals(&self.x, &self.dir);
@@ -303,7 +317,7 @@ impl<'a> Searcher<'a> {
         let long = self.screen.fit_lag(lag, f);
         let mode = if f > 0.0 { Lag::Free { max: f } } else { Lag::Fixed };
         self.running.clear();
-        // Starts without and with the lag: the loss is not convex in it.
+        // Starts without the lag and with it, because the loss may have a minimum at each.
         for start in [0.0, long.lag] {
             if start == 0.0 && !self.running.is_empty() {
                 continue;
@@ -314,7 +328,7 @@ impl<'a> Searcher<'a> {
             self.screen.fit_all(|c| candidates.push(c));
             self.screened += candidates.len();
             if thorough {
-                candidates.extend(self.explorer.explore(&mut self.work, &s, start));
+                candidates.extend(self.library.best_models(&mut self.work, &s, start));
             } else {
                 candidates.select_nth_unstable_by(FITTED - 1, |a, b| a.loss.total_cmp(&b.loss));
                 candidates.truncate(FITTED);
@@ -323,15 +337,15 @@ impl<'a> Searcher<'a> {
         }
         self.fits += self.running.len();
         let rounds: &Rounds = if thorough { &LONG_RACE } else { &SHORT_RACE };
-        let mut fit = race(&mut self.work, &s, &mut self.running, mode, rounds, PRECISE);
+        let mut fit = successive_halving(&mut self.work, &s, &mut self.running, mode, rounds, PRECISE);
         for _ in 0..if thorough { RESCREENS } else { 0 } {
             let before = fit.loss;
             self.running.clear();
-            rescreen(&mut self.screen, &mut self.work, &s, &fit, &mut self.candidates);
+            screen_with_errors_of(&mut self.screen, &mut self.work, &s, &fit, &mut self.candidates);
             self.running.extend(self.candidates.iter().map(|c| c.start(fit.theta.lag)));
             self.running.push(fit);
             self.fits += self.running.len();
-            fit = race(&mut self.work, &s, &mut self.running, mode, &RESCREEN_RACE, PRECISE);
+            fit = successive_halving(&mut self.work, &s, &mut self.running, mode, &RESCREEN_RACE, PRECISE);
             if fit.loss > before * (1.0 - 10.0 * PRECISE) {
                 break;
             }
@@ -339,7 +353,7 @@ impl<'a> Searcher<'a> {
         Refined { cell, resume, f, fit, long_loss: long.loss, long_lag: long.lag }
     }
 
-    /// The prediction errors of a refined model, from its first counted sample on, and its stem position.
+    /// The prediction errors of a refined model, one for each sample from [`Problem::first`] on, and its stem for all samples.
     pub fn errors(&mut self, refined: &Refined) -> (Vec<f64>, Vec<f64>) {
         self.run_element(refined.f, refined.resume);
         let s = self.p.signals(&self.x, &self.dir);
@@ -350,15 +364,15 @@ impl<'a> Searcher<'a> {
         (errors, stem)
     }
 
-    /// Runs the friction element over OP.
+    /// Runs the friction element over OP; the stem is left in `x` and `dir`.
     pub(super) fn run_element(&mut self, f: f64, resume: f64) -> Cell {
         stick_slip(&self.p.u, f, resume, self.p.start, &mut self.x, &mut self.dir)
     }
 }
 
-/// The best minimum from several starts, in `running`: a few iterations for each in every round, then only the
-/// leaders to the end; these are left in `running`, the best first.
-pub(super) fn race(
+/// The best of several fits, by successive halving: in every round each fit gets a few iterations, and the best go on. The last
+/// ones are fitted to the end and left in `running`, the best first.
+pub(super) fn successive_halving(
     work: &mut Workspace,
     s: &Signals<'_>,
     running: &mut Vec<Fit>,
@@ -367,10 +381,10 @@ pub(super) fn race(
     tolerance: f64,
 ) -> Fit {
     for &(iterations, leaders) in rounds {
-        advance(work, s, running, lag, ROUGH, iterations);
+        iterate(work, s, running, lag, ROUGH, iterations);
         running.truncate(leaders);
     }
-    advance(work, s, running, lag, tolerance, FINAL);
+    iterate(work, s, running, lag, tolerance, FINAL);
     running.first().copied().unwrap_or(Fit {
         orders: Orders { na: 1, nb: 1, nc: 0, nk: 1 },
         theta: Theta::default(),
@@ -379,9 +393,10 @@ pub(super) fn race(
     })
 }
 
-/// The structures that fit best with the errors of `best`, in `candidates`: a long ARX cannot follow a zero of C near
-/// the unit circle, and ranks the structures that have one too low.
-pub(super) fn rescreen(
+/// Screens all structures with the prediction errors of `best`, and puts those with the least losses into `candidates`.
+///
+/// The errors of the long ARX rank structures with a zero of C near the unit circle too low, because it cannot follow such a zero.
+pub(super) fn screen_with_errors_of(
     screen: &mut Screen,
     work: &mut Workspace,
     s: &Signals<'_>,
@@ -398,15 +413,15 @@ pub(super) fn rescreen(
     candidates.sort_unstable_by(|a, b| a.loss.total_cmp(&b.loss));
 }
 
-/// Iterates every fit and sorts them by loss.
-fn advance(work: &mut Workspace, s: &Signals<'_>, fits: &mut [Fit], lag: Lag, tolerance: f64, most: usize) {
+/// Iterates every fit and sorts the fits by loss.
+fn iterate(work: &mut Workspace, s: &Signals<'_>, fits: &mut [Fit], lag: Lag, tolerance: f64, most: usize) {
     for fit in fits.iter_mut() {
         *fit = work.minimise(s, fit.orders, fit.theta, lag, tolerance, most);
     }
     fits.sort_by(|a, b| a.loss.total_cmp(&b.loss));
 }
 
-/// The `most` best cells that are local minima of the profile.
+/// The indices of the `most` best cells among the local minima of the profile.
 fn best_cells(cells: &[CellPoint], most: usize) -> Vec<usize> {
     let beats = |i: usize, other: Option<usize>| {
         other

@@ -1,23 +1,25 @@
-//! An oscillation that the samples are too few for: what is seen of it is another one.
+//! Whether an oscillation has too few samples in a period, so that it is seen as another, slower one (aliasing).
 //!
-//! A line in OP's spectrum that holds most of its power and has fewer than four samples a period cannot be told from its
-//! mirror image about half the sampling frequency (Shannon, Proc. IRE 1949, 37, 10). A running mean over several samples is
-//! worth one of them.
+//! A line in the spectrum of OP with most of its power and fewer than four samples in a period may be the mirror image of a faster
+//! one about half the sampling frequency (Shannon, Proc. IRE 1949, 37, 10).
+//! The samples of a running mean count as one.
 
-use super::{HistoryKind, NotIdentifiable, Preparation};
+use super::history_kind::HistoryKind;
+use super::not_identifiable::NotIdentifiable;
+use super::preparation::Preparation;
 use crate::sysid::spectrum;
 use crate::sysid::stats::mean;
 
-/// Samples a period below which nothing is said of a valve: the line may be the mirror image of a faster one.
+/// Samples in a period below which a record is refused: the line may be the mirror image of a faster one.
 const LEAST: f64 = 4.0;
-/// Samples a period below which an oscillation that shows no reversals is called too fast for the samples.
+/// Samples in a period below which a record whose OP shows no reversals is refused as undersampled.
 const FEW: f64 = 10.0;
-/// Share of OP's power that the line has to hold: most of it.
+/// Share of OP's power that the line must have: most of it.
 const OF_POWER: f64 = 0.5;
-/// Half the width of a line, as a part of its frequency: a period that wanders makes it wide.
+/// Half the width of a line, as a share of its frequency: a period that varies makes a line wide.
 const WIDTH: f64 = 0.03;
 
-/// Samples in one period of the line that holds most of OP's power, where there is one.
+/// The number of samples in one period of the line with most of OP's power; `None` where there is no such line.
 fn samples_a_period(op: &[f64]) -> Option<f64> {
     let middle = mean(op);
     let mut moved: Vec<f64> = op.iter().map(|u| u - middle).collect();
@@ -33,19 +35,21 @@ fn samples_a_period(op: &[f64]) -> Option<f64> {
     (total > 0.0 && line > OF_POWER * total).then(|| n / at as f64)
 }
 
-/// Over how much time PV is a running mean (s), where it is one over more than a row: what enters it leaves it so much later.
+/// The length of the running mean (s), where PV is one over more than a row.
 fn mean_s(preparation: &Preparation) -> Option<f64> {
     let averaged = preparation.history.as_ref().filter(|found| found.kind == HistoryKind::Averaged)?;
     let polls = preparation.acquisition.as_ref().and_then(|found| found.poll_s)?;
     Some(averaged.evidence[1] * polls).filter(|mean_s| *mean_s > preparation.ts)
 }
 
-/// Whether the rows of a prepared window are too few for the oscillation of its `op`: `unexcited`, where OP shows no reversals.
+/// The reason [`NotIdentifiable::Undersampled`] where a prepared window has too few rows for the oscillation of its OP.
+///
+/// * `unexcited`: whether OP shows no reversals; then more samples in a period are needed.
 pub fn too_few(op: &[f64], preparation: &Preparation, unexcited: bool) -> Option<NotIdentifiable> {
     let (rows, ts, mean_s) = (samples_a_period(op)?, preparation.ts, mean_s(preparation));
     let samples = mean_s.map_or(rows, |mean_s| rows * ts / mean_s);
     let limit = if unexcited { FEW } else { LEAST };
-    // Rows that are enough by themselves need no faster poll.
+    // Where only the running mean makes the samples too few, a faster poll would not help.
     let poll_s = Some(rows * ts / FEW).filter(|_| mean_s.is_none() || rows < FEW);
     (samples < limit).then_some(NotIdentifiable::Undersampled { samples, poll_s, mean_s })
 }

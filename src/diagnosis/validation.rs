@@ -1,19 +1,21 @@
-//! The declared model judged: fitted again on the first 70 % of the window, its one-step and free-run errors taken on the last
-//! 30 %, which that fit has not seen. Whiteness is tested on the whole window, of the model fitted to all of it.
+//! Validation of the declared model: its one-step and free-run errors on held-out samples, and the whiteness of its residual.
 //!
-//! See [`crate::sysid::whiteness`].
+//! The coefficients are fitted again to the first 70 % of the window; the errors are those of the last 30 %.
+//! Whiteness ([`crate::sysid::whiteness`]) is tested with the model that was fitted to the whole window, on the whole window.
 
-use super::Residual;
 use super::armax::{Lag, Signals, Workspace, draw_inside};
 use super::friction::stick_slip;
+use super::result::Residual;
 use super::search::{Problem, Refined};
 use crate::sysid::least_squares::dot;
 use crate::sysid::whiteness::is_white;
 
-/// Share of the window that the judged model is fitted on; it is judged on the rest.
+/// Share of the window to which the validated model is fitted; the rest is held out.
 pub const FITTED_SHARE: f64 = 0.7;
 
-/// Judges the chosen model; `unit` is the PV unit of a normalised PV.
+/// Validates the chosen model.
+///
+/// * `unit`: standard deviation of PV (PV unit), which converts the errors of the normalised PV.
 pub fn validate(p: &Problem, chosen: &Refined, unit: f64) -> Residual {
     let n = p.y.len();
     let split = p.first + ((n - p.first) as f64 * FITTED_SHARE) as usize;
@@ -30,7 +32,7 @@ pub fn validate(p: &Problem, chosen: &Refined, unit: f64) -> Residual {
     let mut work = Workspace::new(n);
     let orders = chosen.fit.orders;
     let fit = work.minimise(&fitted, orders, chosen.fit.theta, Lag::Fixed, 1e-6, 30);
-    // A model for simulation must not explode: one-step errors hide an A just outside the unit circle.
+    // One-step errors hide a zero of A just outside the unit circle, with which a free run would diverge.
     let mut simulated = fit.theta;
     draw_inside(&mut simulated.a[..orders.na], 1.0);
     let whole = p.signals(&x, &dir);
@@ -45,7 +47,7 @@ pub fn validate(p: &Problem, chosen: &Refined, unit: f64) -> Residual {
         let past: f64 = (0..orders.na).map(|i| simulated.a[i] * y[k - 1 - i]).sum();
         let stem = |at: usize| x[at] - fit.theta.lag * dir[at];
         let input: f64 = (0..orders.nb).map(|j| fit.theta.b[j] * stem(k - orders.nk - j)).sum();
-        // An unstable A must not end in infinities; far outside the record is wrong enough.
+        // An unstable A must not end in infinities.
         y[k] = (input + fit.theta.c0 - past).clamp(-1e6, 1e6);
     }
     let free: Vec<f64> = y.iter().zip(&p.y).map(|(a, b)| a - b).collect();

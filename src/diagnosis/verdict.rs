@@ -1,49 +1,62 @@
-//! The verdict, and the whole way to it.
+//! The verdict, its reason in one line for an operator, and all steps from the record to it.
 //!
-//! *stiction*: f above the threshold **and** `delta_aic` above its own **and** a gain shared by the record **and** 0 outside the
-//! interval of f.
-//! *no stiction*: the loop was excited, PV answers OP, both were read together, and one of these four does not hold.
-//! *not identifiable*: anything else.
+//! | verdict | condition |
+//! |---|---|
+//! | stiction | f above its threshold, and `delta_aic` above its threshold, and steadiness above its limit, and 0 outside the interval of f |
+//! | no stiction | one of these does not hold, OP reversed by enough, PV responds to OP, and both were read together |
+//! | not identifiable | anything else |
 
 use super::evidence::{Evidence, STEADY, interval, weigh};
 use super::friction::{largest_reversal, reversals, srinivasan, stick_slip};
+use super::gate::{self, Gated};
 use super::grid::GRID;
+use super::not_identifiable::NotIdentifiable;
+use super::preparation::Preparation;
 use super::prepare::prepare;
 use super::region::{self, Region};
+use super::result::{CurvePoint, Diagnosis, Estimate, Model, Oscillation, Verdict};
 use super::rivals::Rival;
 use super::screen::{LONGEST_DELAY, Screen};
 use super::search::{CellPoint, GridPoint, Holes, LEAST_REVERSALS, Problem, Refined, Searcher};
+use super::settings::Settings;
 use super::undersampling::too_few;
-use super::{
-    CurvePoint, Diagnosis, Estimate, Model, NotIdentifiable, Oscillation, Preparation, Settings, Verdict,
-};
-use super::{armax, gate, validation};
+use super::{armax, validation};
 use crate::signal::{Record, Row, Window, along_op, span_at_least, told};
 use crate::sysid::stats::{mean, median, normalised, quantile, range, sd};
 use crate::sysid::valve::model_error::with_model_error;
 
 /// Fewest large extrema of OP in the window: those of two periods.
 const LEAST_EXTREMA: usize = 4;
-/// Fewest samples that may be left to count after the friction element's start: fifteen for each of eight coefficients.
+/// Fewest samples that must count after the start of the friction element: fifteen for each of eight coefficients.
 const LEAST_ROWS: usize = 120;
-/// Loss relative to var(PV) below which PV is taken as fully explained: without noise it is, with OP or without.
+/// Loss, as a share of the variance of PV, below which PV is explained fully: without noise it is, with OP or without.
 const EXPLAINED: f64 = 1e-6;
-/// Values of Srinivasan's d tried: it is for comparison only.
+/// Number of values of Srinivasan's d that are tried: it is for comparison only.
 const D_GRID: usize = 60;
 
-/// Diagnoses one loop's record. Never panics on any input; what cannot be judged is a verdict, not an error.
+/// Diagnoses the record of one loop.
+///
+/// It never panics. A record that cannot be judged has the verdict `not_identifiable`; it is no error.
 pub fn diagnose(record: &Record, settings: &Settings) -> Diagnosis {
-    with_history(judge(record, settings))
+    diagnose_gated(record, &gate::gate(record, settings), settings)
 }
 
-/// Says what an archive did to the data.
+/// [`diagnose`] for a record that is gated already.
+///
+/// * `gated`: what [`gate::gate`] made of the record with these settings.
+pub fn diagnose_gated(record: &Record, gated: &Gated, settings: &Settings) -> Diagnosis {
+    with_history(judge(record, gated, settings))
+}
+
+/// Adds to the reason what an archive did to the data.
 fn with_history(mut found: Diagnosis) -> Diagnosis {
     found.reason += &of_archive(&found.preparation);
     found
 }
 
-/// What a reason ends with where an archive changed the data; else nothing. Measured on simulated loops: docs/backfill.md. It is said,
-/// and changes no verdict.
+/// The end of a reason where an archive changed the data; else empty. It changes no verdict.
+///
+/// `docs/backfill.md` has the effect on f, measured on simulated loops.
 pub fn of_archive(preparation: &Preparation) -> String {
     preparation.history.as_ref().map_or_else(String::new, |history| {
         let kind = history.kind.as_str();
@@ -51,13 +64,17 @@ pub fn of_archive(preparation: &Preparation) -> String {
     })
 }
 
-/// What a reason of `no_stiction` leaves possible: the upper end of the interval of f (OP unit).
+/// The end of a reason of `no_stiction`: the largest f that the record could hide.
+///
+/// * `f`: the upper end of the interval of f (OP unit).
+/// * `span`: the span of OP, where it is known (OP unit).
 pub fn could_be_hidden(f: f64, span: Option<f64>) -> String {
     format!("; f up to {} could be hidden", along_op(f, span))
 }
 
-/// The reason of a diagnosis without what it ends with: what the record could hide, and what an archive did to it. `span`: that of
-/// OP, where it is known (OP unit).
+/// The reason of a diagnosis without its ends, [`could_be_hidden`] and [`of_archive`].
+///
+/// * `span`: the span of OP, where it is known (OP unit).
 pub fn bare_reason(found: &Diagnosis, span: Option<f64>) -> &str {
     let archive = of_archive(&found.preparation);
     let reason = found.reason.strip_suffix(archive.as_str()).unwrap_or(&found.reason);
@@ -65,8 +82,11 @@ pub fn bare_reason(found: &Diagnosis, span: Option<f64>) -> &str {
     bound.and_then(|bound| reason.strip_suffix(bound.as_str())).unwrap_or(reason)
 }
 
-/// Why friction with enough evidence is not told: its f is below the threshold, or its interval reaches 0. `f`, and the lower end of
-/// its interval (OP unit).
+/// The reason of `no_stiction` where the evidence for friction is enough: f is below its threshold, or its interval reaches 0.
+///
+/// * `evidence`: `delta_aic` (-).
+/// * `[f, low]`: f, and the lower end of its interval (OP unit).
+/// * `span`: the span of OP, where it is known (OP unit).
 pub fn not_told(evidence: f64, [f, low]: [f64; 2], span: Option<f64>) -> String {
     let but = match low > 0.0 {
         true => format!("its f of {} is too small to matter", along_op(f, span)),
@@ -75,7 +95,7 @@ pub fn not_told(evidence: f64, [f, low]: [f64; 2], span: Option<f64>) -> String 
     format!("friction predicts PV better, evidence {evidence:.0}, but {but}")
 }
 
-/// Fewest samples that a record needs for a fit with this longest delay (samples), if OP turns at its first.
+/// Fewest samples that a record needs for a fit with this longest delay (samples), where its first sample is an extremum of OP.
 pub fn least_samples(max_delay: usize) -> usize {
     Screen::lead(max_delay) + LEAST_ROWS
 }
@@ -85,31 +105,31 @@ pub fn least_samples(max_delay: usize) -> usize {
 pub struct Prepared {
     /// The window that is fitted.
     pub window: Window,
-    /// How it came about.
+    /// How the record became this window.
     pub preparation: Preparation,
-    /// Where OP turns.
+    /// The large extrema of OP.
     pub region: Region,
-    /// How OP oscillates.
+    /// The oscillation of OP, where there is one.
     pub oscillation: Option<Oscillation>,
-    /// The window as a problem of the search.
+    /// The window, normalised, for the search.
     pub problem: Problem,
-    /// How it was normalised.
+    /// Means and standard deviations by which it was normalised.
     pub scale: Scale,
     /// The span of OP, where it is known (OP unit).
     pub span: Option<f64>,
 }
 
-/// Prepares a record for the fits.
+/// Prepares a gated record for the fits: the decimation, the most regular stretch, and the normalisation.
 ///
 /// # Errors
-/// The diagnosis of a record that cannot be fitted.
-pub fn prepared(record: &Record, settings: &Settings) -> Result<Prepared, Box<Diagnosis>> {
+/// The diagnosis, `not_identifiable` with its reason, of a record that cannot be fitted.
+pub fn prepared(record: &Record, gated: &Gated, settings: &Settings) -> Result<Prepared, Box<Diagnosis>> {
     let stop = |reason, preparation, oscillation, window| {
         Err(Box::new(refused(reason, preparation, oscillation, window)))
     };
-    let (window, mut preparation) = match gate::gate(record, settings) {
-        Ok(passed) => passed,
-        Err(why) => return stop(why.0, why.1, None, None),
+    let (window, mut preparation) = match gated {
+        Ok(passed) => passed.clone(),
+        Err(why) => return stop(why.0.clone(), why.1.clone(), None, None),
     };
     let (window, region) = prepare(window, settings, &mut preparation);
     if let Some(reason) = preparation.too_close() {
@@ -117,9 +137,9 @@ pub fn prepared(record: &Record, settings: &Settings) -> Result<Prepared, Box<Di
     }
     let n = window.len();
     preparation.compensated = record.compensated(&window);
-    let few = |unexcited| too_few(&window.op, &preparation, unexcited);
-    if let Some(reason) = few(false) {
-        // The period that is seen is not the one that is there.
+    let undersampled = |unexcited| too_few(&window.op, &preparation, unexcited);
+    if let Some(reason) = undersampled(false) {
+        // No oscillation is reported: the period that is seen may be an alias.
         return stop(reason, preparation, None, Some(window));
     }
     let oscillation = region.oscillation(0, n, window.ts);
@@ -133,15 +153,17 @@ pub fn prepared(record: &Record, settings: &Settings) -> Result<Prepared, Box<Di
             stop(NotIdentifiable::Compensated, preparation, oscillation, Some(window))
         }
         Err(reason @ NotIdentifiable::NotExcited { .. }) => {
-            let (reason, oscillation) = few(true).map_or((reason, oscillation), |reason| (reason, None));
+            let (reason, oscillation) =
+                undersampled(true).map_or((reason, oscillation), |reason| (reason, None));
             stop(reason, preparation, oscillation, Some(window))
         }
         Err(reason) => stop(reason, preparation, oscillation, Some(window)),
     }
 }
 
-fn judge(record: &Record, settings: &Settings) -> Diagnosis {
-    let prepared = match prepared(record, settings) {
+/// The diagnosis of a record, without what an archive did to it.
+fn judge(record: &Record, gated: &Gated, settings: &Settings) -> Diagnosis {
+    let prepared = match prepared(record, gated, settings) {
         Ok(prepared) => prepared,
         Err(refused) => return *refused,
     };
@@ -149,14 +171,8 @@ fn judge(record: &Record, settings: &Settings) -> Diagnosis {
     let grid = searcher.grid(GRID);
     let cells = searcher.full_profile();
     let (sound, sticky) = searcher.refine(&grid, &cells);
-    let period = prepared.region.typical_period();
-    let (sound_errors, _) = searcher.errors(&sound);
-    let weighed = sticky.map(|sticky| {
-        let (errors, _) = searcher.errors(&sticky);
-        let worth = 0.5 * settings.evidence_threshold;
-        let evidence = weigh(&prepared.problem, &sound, &sticky, [&sound_errors, &errors], period, worth);
-        (sticky, evidence)
-    });
+    let weighed =
+        sticky.map(|sticky| (sticky, evidence_for(&prepared, settings, &mut searcher, [&sound, &sticky])));
     let verdict = verdict_of(&prepared, settings, &cells, weighed.as_ref());
     let Prepared { window, preparation, oscillation, ref problem, scale, span, .. } = prepared;
     if let Verdict::NotIdentifiable(reason) = verdict {
@@ -165,8 +181,8 @@ fn judge(record: &Record, settings: &Settings) -> Diagnosis {
     let sticking = weighed.filter(|_| verdict == Verdict::Stiction).map(|found| found.0);
     let chosen = sticking.unwrap_or(sound);
     let bounds = match (sticking, weighed) {
-        (Some(sticky), _) => within(problem, &preparation, &cells, &sticky),
-        (None, weighed) => hidden(problem, &cells, &sound, weighed.map(|found| found.0)),
+        (Some(sticky), _) => interval_with_unseen(problem, &preparation, &cells, &sticky),
+        (None, weighed) => interval_from_zero(problem, &cells, &sound, weighed.map(|found| found.0)),
     };
     let (low, high) = range(&window.op);
     let (_, stem) = searcher.errors(&chosen);
@@ -186,7 +202,7 @@ fn judge(record: &Record, settings: &Settings) -> Diagnosis {
     let tried = weighed.as_ref().map(|(sticky, evidence)| Tried {
         evidence,
         f: sticky.f * scale.u,
-        low: within(problem, &preparation, &cells, sticky)[0] * scale.u,
+        low: interval_with_unseen(problem, &preparation, &cells, sticky)[0] * scale.u,
     });
     let reason = explain(&verdict, &estimate, tried, settings.evidence_threshold, span);
     let residual = Some(validation::validate(problem, &chosen, scale.y));
@@ -202,7 +218,19 @@ fn judge(record: &Record, settings: &Settings) -> Diagnosis {
     }
 }
 
-/// Stiction where f, its evidence, its steadiness and its interval all say so; else whether the record can say no.
+/// The evidence for the sticky model against the sound one, at f = 0, and the other explanations without friction.
+fn evidence_for(
+    found: &Prepared,
+    settings: &Settings,
+    searcher: &mut Searcher<'_>,
+    [sound, sticky]: [&Refined; 2],
+) -> Evidence {
+    let ((sound_errors, _), (errors, _)) = (searcher.errors(sound), searcher.errors(sticky));
+    let (period, worth) = (found.region.typical_period(), 0.5 * settings.evidence_threshold);
+    weigh(&found.problem, sound, sticky, [&sound_errors, &errors], period, worth)
+}
+
+/// Stiction where f, its evidence, its steadiness and its interval meet their conditions; else whether the record can say no.
 fn verdict_of(
     found: &Prepared,
     settings: &Settings,
@@ -213,21 +241,27 @@ fn verdict_of(
         sticky.f * found.scale.u > found.preparation.f_threshold
             && evidence.delta_aic > settings.evidence_threshold
             && evidence.steadiness > STEADY
-            && within(&found.problem, &found.preparation, cells, sticky)[0] > 0.0
+            && interval_with_unseen(&found.problem, &found.preparation, cells, sticky)[0] > 0.0
     };
     if weighed.is_some_and(believed) {
         return Verdict::Stiction;
     }
     match unanswered(&found.problem, &found.region) {
-        // A valve that a term moves at once leaves OP and PV nothing to show.
+        // A valve that write-back moves at once shows no friction in OP and PV.
         _ if found.preparation.compensated > 0.0 => Verdict::NotIdentifiable(NotIdentifiable::Compensated),
         Some(reason) => Verdict::NotIdentifiable(reason),
         None => found.preparation.apart().map_or(Verdict::NoStiction, Verdict::NotIdentifiable),
     }
 }
 
-/// The interval of f, wider by the fast steps of OP instead of its median step where the controller may have acted unseen.
-fn within(p: &Problem, preparation: &Preparation, cells: &[CellPoint], sticky: &Refined) -> [f64; 2] {
+/// The interval of f (unit of the problem's OP). Where the controller may have acted unseen, it is widened by the fast steps of OP
+/// instead of its median step.
+fn interval_with_unseen(
+    p: &Problem,
+    preparation: &Preparation,
+    cells: &[CellPoint],
+    sticky: &Refined,
+) -> [f64; 2] {
     let [low, high] = interval(p, cells, sticky);
     let Some(fast) = preparation.unseen_moves() else { return [low, high] };
     let steps: Vec<f64> = p.u.windows(2).map(|w| (w[1] - w[0]).abs()).collect();
@@ -235,13 +269,18 @@ fn within(p: &Problem, preparation: &Preparation, cells: &[CellPoint], sticky: &
     [(low - more).max(0.0), high + more]
 }
 
-/// The interval that goes with f = 0: up to what the record could have hidden.
-fn hidden(p: &Problem, cells: &[CellPoint], sound: &Refined, sticky: Option<Refined>) -> [f64; 2] {
+/// The interval of f for f = 0 (unit of the problem's OP): from 0 up to what the record could have hidden.
+fn interval_from_zero(
+    p: &Problem,
+    cells: &[CellPoint],
+    sound: &Refined,
+    sticky: Option<Refined>,
+) -> [f64; 2] {
     let high = sticky.map_or(p.f_top, |sticky| interval(p, cells, sound)[1].min(sticky.f.max(0.0) + p.f_top));
     [0.0, high]
 }
 
-/// How the window was normalised: subtract the mean, divide by the sd.
+/// The normalisation of a window: subtract the mean, divide by the standard deviation.
 #[derive(Clone, Copy, Debug)]
 pub struct Scale {
     /// Mean of OP (OP unit).
@@ -252,10 +291,10 @@ pub struct Scale {
     pub y: f64,
 }
 
-/// The search problem of a prepared window.
+/// The normalised problem of a window, for the search.
 ///
 /// # Errors
-/// Too few reversals of OP, too few rows that count behind the first of them, or values that no sum can hold.
+/// OP has too few reversals, too few rows count after the first of them, or a sum of the values overflows.
 pub fn pose(
     window: &Window,
     region: &Region,
@@ -285,8 +324,8 @@ pub fn pose(
     Ok((Problem { y, u, start, first, max_delay, f_top, holes }, scale))
 }
 
-/// Why too few rows count from row `first` on, where they are too few: there are no more, or those that do not count would have
-/// been enough, at a limit or missing.
+/// The reason where fewer than [`LEAST_ROWS`] rows count from row `first` on: the window is too short, or too many of its rows
+/// are at a limit of OP or missing.
 fn shortage(window: &Window, first: usize) -> Option<NotIdentifiable> {
     let (n, need) = (window.len(), first + LEAST_ROWS);
     let count = |rows: &[Row], worth: Row| rows.iter().filter(|row| **row == worth).count();
@@ -304,11 +343,12 @@ fn shortage(window: &Window, first: usize) -> Option<NotIdentifiable> {
     })
 }
 
-/// Why a record without evidence for friction says nothing against it either.
+/// The reason why a record without evidence for friction is no evidence against friction: OP does not reverse by enough, or PV does
+/// not respond to OP. `None` where neither holds.
 pub fn unanswered(p: &Problem, region: &Region) -> Option<NotIdentifiable> {
     let (mut x, mut dir) = (p.u.clone(), vec![0.0; p.u.len()]);
     stick_slip(&p.u, 0.5 * p.f_top, 0.0, p.start, &mut x, &mut dir);
-    // One reversal fewer than a fit needs: it is asked at the middle of the range of f, and only whether to refuse.
+    // One reversal fewer than a fit needs, because only the middle of the range of f is tested.
     if reversals(&dir) < LEAST_REVERSALS - 1 {
         return Some(NotIdentifiable::NotExcited { reversals: region.reversals(0, p.u.len()) });
     }
@@ -318,7 +358,7 @@ pub fn unanswered(p: &Problem, region: &Region) -> Option<NotIdentifiable> {
     let with_op = screen.fit_lag(0.0, 0.0).loss;
     let without = screen.without_input();
     let inputs = Screen::input_lags(p.max_delay) as f64;
-    // A record without noise is explained to the last digit by either; that is no lack of response.
+    // A record without noise is explained fully without OP as well; that is no lack of response.
     if without < EXPLAINED {
         return None;
     }
@@ -326,7 +366,7 @@ pub fn unanswered(p: &Problem, region: &Region) -> Option<NotIdentifiable> {
     (gain <= 0.0).then_some(NotIdentifiable::NoResponse)
 }
 
-/// Srinivasan's d, in the unit of the problem: the least long-ARX loss over a grid.
+/// Srinivasan's d (unit of the problem's OP): that with the least loss of the long ARX, on a grid.
 pub fn best_d(p: &Problem) -> f64 {
     let mut screen = Screen::new(&p.y, p.counted(), p.max_delay);
     let (mut x, dir) = (vec![0.0; p.u.len()], vec![1.0; p.u.len()]);
@@ -343,11 +383,13 @@ pub fn best_d(p: &Problem) -> f64 {
     best.1
 }
 
+/// The AIC curve over f; `unit` is the standard deviation of OP (OP unit).
 fn curve(grid: &[GridPoint], p: &Problem, unit: f64) -> Vec<CurvePoint> {
     let least = grid.iter().map(|g| g.loss).fold(f64::INFINITY, f64::min);
     grid.iter().map(|g| CurvePoint { f: g.f * unit, aic: p.rows() * (g.loss / least).ln() }).collect()
 }
 
+/// The chosen model in the plant's units.
 fn model(chosen: &Refined, scale: &Scale) -> Model {
     let (o, t) = (chosen.fit.orders, chosen.fit.theta);
     Model {
@@ -362,17 +404,20 @@ fn model(chosen: &Refined, scale: &Scale) -> Model {
     }
 }
 
-/// Friction as it was weighed.
+/// The sticky model, as far as its reason tells of it.
 struct Tried<'a> {
     evidence: &'a Evidence,
-    /// f of the sticky model (OP unit).
+    /// f (OP unit).
     f: f64,
-    /// The lower end of its interval (OP unit).
+    /// The lower end of the interval of f (OP unit).
     low: f64,
 }
 
-/// The verdict in one line. `tried`: friction, where OP let any be weighed; `least`: evidence above which it is told; `span`: that
-/// of OP, where it is known (OP unit).
+/// The reason of a verdict in one line, as an operator reads it.
+///
+/// * `tried`: the sticky model, where OP reverses enough for one.
+/// * `least`: the threshold of the evidence (-).
+/// * `span`: the span of OP, where it is known (OP unit).
 fn explain(
     verdict: &Verdict,
     e: &Estimate,
@@ -384,7 +429,7 @@ fn explain(
     let Some(Tried { evidence: w, f, low }) = tried else {
         return format!("OP never reverses by enough for friction to hold the stem{bound}");
     };
-    // As published: evidence below 0 is none.
+    // The published evidence: below 0 it is 0.
     let evidence = format!("evidence {:.0}", e.delta_aic);
     if *verdict == Verdict::Stiction {
         let (per, unit) = span.map_or((1.0, ""), |span| (100.0 / span, " % OP"));
@@ -407,6 +452,7 @@ fn explain(
     why + &bound
 }
 
+/// The diagnosis of a record that is refused.
 fn refused(
     reason: NotIdentifiable,
     preparation: Preparation,

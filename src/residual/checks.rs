@@ -1,4 +1,16 @@
-//! What is still in the residual: tests of whiteness, lines, changes, dependence and distribution, each at 1 % or less.
+//! Tests of the remaining residual: whiteness, spectral lines, changes, dependence on the stem, and distribution.
+//!
+//! | test | statistic | fails above |
+//! |---|---|---|
+//! | whiteness | Ljung–Box ([`crate::sysid::whiteness`]) | its own limit |
+//! | input, tags | largest of 20 correlations of e with the past of the stem or of a tag, times sqrt N | 3.7, for tags more |
+//! | line | Fisher's g of the spectrum | probability below 1 % |
+//! | change point | largest `abs sum (e - mean e)`, over `sd e sqrt N` | 1.63 |
+//! | drift, direction, travel | correlation of e with time, the stem's direction, the square of its position, times sqrt N | 2.58 |
+//! | variance | `ln` of the ratio of the variances of both halves, times `sqrt(N/8)` | 2.58 |
+//! | tails | samples beyond 5 robust standard deviations | 2 + N/1000 |
+//!
+//! Chance fails each test in 1 % of records or less.
 
 use super::findings::Test;
 use crate::sysid::iddata::IdData;
@@ -7,15 +19,18 @@ use crate::sysid::spectrum;
 use crate::sysid::stats::{mean, median, sd};
 use crate::sysid::whiteness::is_white;
 
-/// Two-sided 99 % point of a normal distribution for one test.
+/// Two-sided 99 % point of the normal distribution, for one statistic.
 const ONE: f64 = 2.58;
-/// The same for the largest of forty; of the twenty lags asked here chance exceeds it in 0.4 % of records.
+/// The same for the largest of forty statistics; chance exceeds it with the twenty lags here in 0.4 % of records.
 const MANY: f64 = 3.7;
-/// Lags of the cross-correlations.
+/// Lags of the cross-correlations (samples).
 const LAGS: usize = 20;
 
-/// The tests that the residual `e` of a model with stem `x` fails; `dir`: direction of its last move, `fitted`: parameters
-/// behind the whiteness test.
+/// The tests that a residual fails; none where fewer than 60 samples count.
+///
+/// * `x`, `dir`: stem of the model, and the direction of its last move.
+/// * `e`: the residual.
+/// * `fitted`: number of fitted parameters, which the whiteness test takes off its degrees of freedom.
 pub fn failed(data: &IdData, (x, dir): (&[f64], &[f64]), e: &[f64], fitted: usize) -> Vec<Test> {
     let from = data.first;
     let kept: Vec<f64> = (from..e.len()).filter(|&k| data.weight[k] > 0.0).map(|k| e[k]).collect();
@@ -31,9 +46,9 @@ pub fn failed(data: &IdData, (x, dir): (&[f64], &[f64]), e: &[f64], fitted: usiz
         }
     };
     check(Test::Whiteness, !is_white(&kept, fitted));
-    check(Test::Input, crossed(e, x, from) > MANY);
-    let tags = data.tags.iter().map(|(_, v)| crossed(e, v, from)).fold(0.0, f64::max);
-    // More tags, more chances: the bound grows with their number.
+    check(Test::Input, largest_cross_correlation(e, x, from) > MANY);
+    let tags = data.tags.iter().map(|(_, v)| largest_cross_correlation(e, v, from)).fold(0.0, f64::max);
+    // The limit grows with the number of tags, because the largest of more statistics is larger by chance.
     check(Test::Tags, tags > MANY + 0.25 * (1.0 + data.tags.len() as f64).ln());
     check(Test::Line, fisher(&kept) < 0.01);
     let total: f64 = mean(&kept);
@@ -63,7 +78,7 @@ pub fn failed(data: &IdData, (x, dir): (&[f64], &[f64]), e: &[f64], fitted: usiz
 }
 
 /// The largest correlation of e with past values of v, in standard errors.
-fn crossed(e: &[f64], v: &[f64], from: usize) -> f64 {
+fn largest_cross_correlation(e: &[f64], v: &[f64], from: usize) -> f64 {
     let n = e.len();
     let rows = (n - from) as f64;
     let centre = mean(&v[from..]);
@@ -73,6 +88,7 @@ fn crossed(e: &[f64], v: &[f64], from: usize) -> f64 {
     (1..=LAGS).map(at).fold(0.0, f64::max)
 }
 
+/// The correlation of two signals; 0 where one does not move.
 fn correlation(a: &[f64], b: &[f64]) -> f64 {
     let (ma, mb) = (mean(a), mean(b));
     let cross: f64 = a.iter().zip(b).map(|(x, y)| (x - ma) * (y - mb)).sum();
@@ -80,7 +96,7 @@ fn correlation(a: &[f64], b: &[f64]) -> f64 {
     if power > 0.0 { cross / power } else { 0.0 }
 }
 
-/// Fisher's g: the probability that the largest line of white noise holds as large a share of its spectrum.
+/// Fisher's test: the probability that the largest line of white noise has as large a share of the power as that of `v`.
 fn fisher(v: &[f64]) -> f64 {
     let power = spectrum::power(&mut v.to_vec());
     let power = &power[1..];
@@ -116,7 +132,7 @@ mod tests {
         let tag = noise(3, 500);
         let caused: Vec<f64> = (0..500).map(|k: usize| tag[k.saturating_sub(3)]).collect();
         let causing: Vec<f64> = (0..500).map(|k: usize| tag[(k + 3).min(499)]).collect();
-        assert!(crossed(&caused, &tag, 40) > 15.0);
-        assert!(crossed(&causing, &tag, 40) < MANY);
+        assert!(largest_cross_correlation(&caused, &tag, 40) > 15.0);
+        assert!(largest_cross_correlation(&causing, &tag, 40) < MANY);
     }
 }

@@ -1,19 +1,19 @@
-//! Whether the structure of a loop's last model still holds: then nothing is searched for again.
+//! Confirmation: whether the structure of a loop's last model still holds on a new window. Where it does, nothing is searched for.
 //!
-//! A structure is what a search finds and a fit takes as given: friction or none, the kind of valve, effects that last. On a new
-//! window all coefficients, S and J are fitted anew. The structure holds where
+//! The structure is what a search finds and a fit takes as given: friction or none, the stop rule of the valve, the effects that
+//! last. All coefficients, S and J are fitted anew on the new window. The structure holds where all of these are true:
 //!
-//! 1. friction is told as before: PV answers OP, a valve has the evidence that a verdict asks for, and its f is nearly the last
-//!    one's or does not differ from it significantly, or, where there was none, no valve of the grid is likelier,
-//! 2. the residual fails no test that it passed when the structure was found (each is failed by chance once in a hundred), and
-//!    all its effects are still needed; or no effect beside it is likelier than none, and a whole search finds no valve where
-//!    there was none,
-//! 3. friction is not asked for the first time,
-//! 4. the signals show no sample that is wrong.
+//! 1. The verdict on friction is as before. With friction: PV answers OP, the evidence suffices for a verdict, and f is within a
+//!    factor [`STAYS`] of the last f or does not differ from it significantly. Without: no valve of the grid is likelier.
+//! 2. The residual fails no test that it passed when the structure was found (chance fails each once in a hundred), and every
+//!    effect is still needed. Where that is not so: no further effect is likelier than none, and a whole search finds no valve
+//!    that is likelier than none.
+//! 3. Friction was tested on an earlier window, or cannot be tested on this one.
+//! 4. The signals alone show no wrong sample.
 //!
 //! An effect that is no longer likelier than not is left out.
 //!
-//! Elsewhere, and after [`LASTS_S`], everything is searched for again.
+//! Otherwise, and once [`LASTS_S`] have passed, everything is searched for again.
 //!
 //! Source: Ljung, System Identification, 1999, chapter 16 (model validation).
 
@@ -21,18 +21,21 @@ use super::data_quality::{Fact, assess};
 use super::findings::{Evidence, Findings, Friction, Structure};
 use super::fit::{Fitted, NEAR, fit_anew, fit_near, retime, scored};
 use super::forward_selection::{CLOSE, FITTED, table};
-use super::held_out::{judge, without};
+use super::held_out::{validate, without_effect};
 use super::hypotheses::load::oscillating_load::Oscillating;
-use super::hypotheses::{ALL, Propose, again};
+use super::hypotheses::{ALL, Propose, restored};
 use super::hypothesis::Hypothesis;
-use super::posterior::{class, log_prior};
-use super::report::{lasts, report, scaled};
-use super::response::evidence;
+use super::posterior::{friction_class, log_prior};
+use super::report::{Outcome, lasts, report, scaled};
+use super::response::effect_evidence;
 use super::screening::Screen;
-use super::trace::{Outcome, friction, iddata_beside, slip_jump};
+use super::selection::{friction_log_odds, slip_jump_evidence};
+use super::settings::Settings;
+use super::trace::iddata_for_friction;
 use super::valve_search::{Effort, Found, search};
-use super::{Settings, settings_of, window};
+use super::window::{settings_of, window_of};
 use crate::diagnosis::confirmed::{Known, confirmed};
+use crate::diagnosis::gate::{Gated, gate};
 use crate::diagnosis::verdict::{Prepared, prepared, unanswered};
 use crate::diagnosis::{self, Diagnosis, NotIdentifiable, Verdict};
 use crate::signal::{Record, Window};
@@ -55,36 +58,55 @@ pub fn confirm(
     settings: &Settings,
     last: &Structure,
 ) -> Option<(Diagnosis, Findings)> {
-    let prepared = prepared(record, diagnosed);
+    confirm_gated(record, &gate(record, diagnosed), diagnosed, settings, last)
+}
+
+/// [`confirm`] for a record that is gated already.
+///
+/// * `gated`: what [`gate`] made of the record with the settings of the diagnosis.
+pub fn confirm_gated(
+    record: &Record,
+    gated: &Gated,
+    diagnosed: &diagnosis::Settings,
+    settings: &Settings,
+    last: &Structure,
+) -> Option<(Diagnosis, Findings)> {
+    let prepared = prepared(record, gated, diagnosed);
     let bare = match &prepared {
-        Ok(prepared) => standing(prepared, last),
+        Ok(prepared) => diagnosis_if_unchanged(prepared, last),
         Err(refused) => (**refused).clone(),
     };
-    let whole = window(record, &bare, diagnosed)?;
+    let whole = window_of(gated, &bare)?;
     let age = whole.t0 + whole.len() as f64 * whole.ts - last.searched;
     let settings = settings_of(record, [&whole, bare.window.as_ref().unwrap_or(&whole)], diagnosed, settings);
     let compensated = bare.preparation.compensated > 0.0 || settings.compensated > 0.0;
     if !(0.0..LASTS_S).contains(&age) || compensated || whole.mv.is_some() {
         return None;
     }
-    let (data, facts) = assessed(&whole, &settings, last)?;
-    let outcome = fitted(&data, facts, last)?;
-    // Friction was asked, or is known not to show.
+    let (data, facts) = faultless_record(&whole, &settings, last)?;
+    let outcome = fit_structure(&data, facts, last)?;
+    // Friction was tested, or cannot be tested on this window.
     let unasked = matches!(bare.verdict, Verdict::NotIdentifiable(_)) && last.valve.is_none();
-    let asked = outcome.friction > f64::NEG_INFINITY;
-    // What is asked for the first time is searched for as a whole.
+    let asked = outcome.friction_log_odds > f64::NEG_INFINITY;
+    // Friction that is tested for the first time is searched for as a whole.
     if !asked && !unasked || asked && !last.asked && last.valve.is_none() {
         return None;
     }
     let likeliest = outcome.best.clone();
     let mut findings = report(outcome, &bare, &settings);
     let as_before = match last.valve {
-        Some(last) => findings.verdict == Verdict::Stiction && stays(&last, &findings.friction_after),
+        Some(last) => {
+            findings.verdict == Verdict::Stiction && f_is_unchanged(&last, &findings.friction_after)
+        }
         None => findings.verdict != Verdict::Stiction,
     };
-    let whole = likeliest.hypothesis.effects.len() == last.effects.len();
-    let passes = whole && findings.failed.iter().all(|test| last.failed.contains(test));
-    if !as_before || !(passes || !promising(&data, &likeliest) && !sticks_now(&data, &likeliest)) {
+    let all_needed = likeliest.hypothesis.effects.len() == last.effects.len();
+    let passes = all_needed && findings.failed.iter().all(|test| last.failed.contains(test));
+    // The searches are long: they are made only where the residual does not pass.
+    let holds = as_before
+        && (passes
+            || !some_effect_is_likelier(&data, &likeliest) && !some_valve_is_likelier(&data, &likeliest));
+    if !holds {
         return None;
     }
     let Structure { ref failed, confirmed, searched, .. } = *last;
@@ -98,16 +120,18 @@ pub fn confirm(
     Some((diagnosis, findings))
 }
 
-/// Whether f is the last valve's, as far as the two windows can tell: the difference of two estimates with one variance has an
-/// interval √2 times as wide as theirs, without the error of the models, which they have in common.
-fn stays(last: &ValveModel, now: &Friction) -> bool {
+/// Whether f is that of the last valve, as far as the two windows can tell.
+///
+/// The difference of two estimates with the same variance has an interval √2 times as wide as theirs. The error of the valve
+/// models is left out of the interval, because both estimates have the same one.
+fn f_is_unchanged(last: &ValveModel, now: &Friction) -> bool {
     let apart = last.f() - now.f;
     let [low, high] = without_model_error(now.f, now.f_ci95);
     let limit = if apart > 0.0 { high - now.f } else { now.f - low };
     (now.f / last.f()).ln().abs() <= STAYS.ln() || apart.abs() <= SQRT_2 * limit
 }
 
-/// The diagnosis with what was found.
+/// The diagnosis with the friction and the model of the findings.
 fn confirmed_as(prepared: Prepared, bare: Diagnosis, findings: &Findings) -> Diagnosis {
     let Friction { f, f_ci95, delta_aic, .. } = findings.friction_after;
     let (reason, model) = (findings.reason.clone(), findings.model.clone());
@@ -116,11 +140,11 @@ fn confirmed_as(prepared: Prepared, bare: Diagnosis, findings: &Findings) -> Dia
     confirmed(prepared, known)
 }
 
-/// What a diagnosis says where friction is as it was. A valve whose OP PV does not answer is not told to stick: a search decides.
-fn standing(prepared: &Prepared, last: &Structure) -> Diagnosis {
+/// What the diagnosis says if friction is as it was. A valve does not stick where PV does not answer OP: a search decides then.
+fn diagnosis_if_unchanged(prepared: &Prepared, last: &Structure) -> Diagnosis {
     let why = unanswered(&prepared.problem, &prepared.region);
     let why = match last.valve {
-        // Friction that is found needs no more turns of OP.
+        // Friction that was found needs no further reversals of OP.
         Some(_) => why.filter(|why| *why == NotIdentifiable::NoResponse),
         None => why.or_else(|| prepared.preparation.apart()),
     };
@@ -133,9 +157,9 @@ fn standing(prepared: &Prepared, last: &Structure) -> Diagnosis {
     Diagnosis { preparation, window, ..Diagnosis::bare(verdict, reason) }
 }
 
-/// Whether any effect beside the structure is likelier than none. Those that promise more than they cost by the score tests
-/// with which a search begins are fitted, and what ends near is fitted to the end.
-fn promising(data: &IdData, base: &Fitted) -> bool {
+/// Whether any further effect is likelier than none. The effects whose gain by the score tests exceeds their penalty are fitted,
+/// and the best of each kind is fitted to the end where it comes near.
+fn some_effect_is_likelier(data: &IdData, base: &Fitted) -> bool {
     let screen = Screen::new(data, base);
     let enough = base.score - log_prior(1);
     ALL.iter().any(|kind| {
@@ -156,16 +180,16 @@ fn promising(data: &IdData, base: &Fitted) -> bool {
 }
 
 /// Whether a whole search finds a valve that is likelier than none, where there was none.
-fn sticks_now(data: &IdData, base: &Fitted) -> bool {
+fn some_valve_is_likelier(data: &IdData, base: &Fitted) -> bool {
     let none = &base.hypothesis;
     let found = || search(data, none, &[], Effort::Whole).into_iter();
     let sticks = |found: Found| fit_anew(data, none.with_valve(Some(found.valve)), Some(&found.fit));
     none.valve.is_none() && found().any(|found| sticks(found).score > base.score)
 }
 
-/// The record that is fitted, where no sample of it is wrong.
-fn assessed(whole: &Window, settings: &Settings, last: &Structure) -> Option<(IdData, Vec<Fact>)> {
-    let mut data = iddata_beside(whole, last.valve.map_or(0.0, |valve| valve.f()))?;
+/// The record that is fitted; `None` where the signals alone show a wrong sample.
+fn faultless_record(whole: &Window, settings: &Settings, last: &Structure) -> Option<(IdData, Vec<Fact>)> {
+    let mut data = iddata_for_friction(whole, last.valve.map_or(0.0, |valve| valve.f()))?;
     data.units.span = settings.op_span;
     let stem = |data: &IdData| Hypothesis { valve: valve_of(data, last), effects: Vec::new() }.stem(data).0;
     let facts = assess(&mut data, &stem);
@@ -173,26 +197,25 @@ fn assessed(whole: &Window, settings: &Settings, last: &Structure) -> Option<(Id
     facts.iter().all(lasts).then_some((data, facts))
 }
 
-/// The last valve in the units of the data.
+/// The valve of the last structure, in standard deviations of OP.
 fn valve_of(data: &IdData, last: &Structure) -> Option<ValveModel> {
     last.valve.map(|valve| scaled(valve, 1.0 / data.units.u)).filter(|valve| valve.s.is_finite())
 }
 
-/// The models of the structure, without the effects that are no longer needed, and of what competes with it; `None` where
-/// something else is likelier.
-fn fitted(data: &IdData, facts: Vec<Fact>, last: &Structure) -> Option<Outcome> {
-    let effects = last.effects.iter().map(|effect| again(data, effect)).collect::<Option<Vec<_>>>()?;
+/// The structure fitted to the record, without the effects that are no longer needed; `None` where a competitor is likelier.
+fn fit_structure(data: &IdData, facts: Vec<Fact>, last: &Structure) -> Option<Outcome> {
+    let effects = last.effects.iter().map(|effect| restored(data, effect)).collect::<Option<Vec<_>>>()?;
     let mut none = Hypothesis { valve: None, effects };
     loop {
-        match fitted_beside(data, &facts, last, &none)? {
+        match fit_with_effects(data, &facts, last, &none)? {
             Ok(outcome) => return Some(outcome),
             Err(needless) => none = none.without(needless),
         }
     }
 }
 
-/// The same with these effects, or the number of one that is not needed.
-fn fitted_beside(
+/// The structure fitted with the effects of `none`, or the number of an effect that is not needed.
+fn fit_with_effects(
     data: &IdData,
     facts: &[Fact],
     last: &Structure,
@@ -208,14 +231,14 @@ fn fitted_beside(
     let mut classes = Vec::new();
     for found in search(data, none, &starts, effort) {
         let hypothesis = none.with_valve(Some(found.valve));
-        if !classes.contains(&class(&hypothesis)) {
-            classes.push(class(&hypothesis));
+        if !classes.contains(&friction_class(&hypothesis)) {
+            classes.push(friction_class(&hypothesis));
             decided.push(fit_anew(data, hypothesis, Some(&found.fit)));
         }
     }
     let sticks = |d: &Fitted| d.hypothesis.valve.is_some();
     if valve.is_some() {
-        // What imitates a sticking valve best, without one.
+        // The load that imitates a sticking valve best: an oscillating one.
         let screen = Screen::new(data, decided.first()?);
         let load = Oscillating.propose(&screen).into_iter().next();
         decided.extend(load.map(|load| fit_anew(data, none.with(load.effect), None)));
@@ -233,7 +256,7 @@ fn fitted_beside(
         true => likeliest.clone(),
         false => fit_anew(data, Hypothesis { effects: Vec::new(), ..likeliest.hypothesis.clone() }, None),
     };
-    let added = match needed(data, likeliest) {
+    let added = match evidence_if_needed(data, likeliest) {
         Ok(added) => added,
         Err(needless) => return Some(Err(needless)),
     };
@@ -246,26 +269,26 @@ fn fitted_beside(
         best: likeliest.clone(),
         facts: facts.to_vec(),
         candidates: Vec::new(),
-        friction: friction(&table, &decided),
-        slip_jump: slip_jump(&table),
+        friction_log_odds: friction_log_odds(&table, &decided),
+        slip_jump: slip_jump_evidence(&table),
         rejected: Vec::new(),
     }))
 }
 
-/// What speaks for each effect, and twice the log odds against none; or the number of the least likely one, where that is not
-/// likelier than not.
-fn needed(data: &IdData, best: &Fitted) -> Result<Vec<(Evidence, f64)>, usize> {
-    let with = judge(data, best, data);
+/// The evidence for each effect, and twice its log odds; or the number of the least likely effect, where it is not likelier than
+/// not.
+fn evidence_if_needed(data: &IdData, best: &Fitted) -> Result<Vec<(Evidence, f64)>, usize> {
+    let with = validate(data, best, data);
     let each = best.hypothesis.effects.iter().enumerate().map(|(at, effect)| {
-        let (without, held_out) = without(data, best, &with, at);
+        let (without, held_out) = without_effect(data, best, &with, at);
         let gain = best.score - without.score;
-        let told = evidence(data, &best.hypothesis, at, [gain + log_prior(1), held_out]);
+        let told = effect_evidence(data, &best.hypothesis, at, [gain + log_prior(1), held_out]);
         (told.posterior(effect.kind()), (told, 2.0 * gain))
     });
     let (posteriors, added): (Vec<f64>, Vec<_>) = each.unzip();
     let least = (0..added.len()).min_by(|a, b| posteriors[*a].total_cmp(&posteriors[*b]));
     match least {
-        // What is no number is not needed either.
+        // An effect whose posterior is not a number is not needed either.
         Some(least) if !posteriors.iter().all(|own| *own > 0.5) => Err(least),
         _ => Ok(added),
     }
@@ -302,8 +325,9 @@ mod tests {
         let last = Structure { valve, ..Structure::default() };
         let told = |gain: f64, verdict: &Verdict| {
             let said = |seed| {
-                let prepared = prepared(&record(gain, seed), &diagnosis::Settings::default());
-                standing(&prepared.expect("it can be fitted"), &last).verdict
+                let (record, settings) = (record(gain, seed), diagnosis::Settings::default());
+                let prepared = prepared(&record, &gate(&record, &settings), &settings);
+                diagnosis_if_unchanged(&prepared.expect("it can be fitted"), &last).verdict
             };
             (1..6).filter(|seed| said(*seed) == *verdict).count()
         };
@@ -320,9 +344,9 @@ mod tests {
             f_ci95: with_model_error(f, [f - half, f + half]),
             ..Friction::default()
         };
-        assert!(stays(&last, &now(1.09, 0.0)) && stays(&last, &now(0.92, 0.0)));
-        assert!(!stays(&last, &now(1.2, 0.1)) && stays(&last, &now(1.2, 0.15)));
-        assert!(!stays(&last, &now(0.8, 0.1)) && stays(&last, &now(0.8, 0.15)));
-        assert!(!stays(&last, &now(0.0, 0.0)) && !stays(&last, &now(f64::NAN, f64::NAN)));
+        assert!(f_is_unchanged(&last, &now(1.09, 0.0)) && f_is_unchanged(&last, &now(0.92, 0.0)));
+        assert!(!f_is_unchanged(&last, &now(1.2, 0.1)) && f_is_unchanged(&last, &now(1.2, 0.15)));
+        assert!(!f_is_unchanged(&last, &now(0.8, 0.1)) && f_is_unchanged(&last, &now(0.8, 0.15)));
+        assert!(!f_is_unchanged(&last, &now(0.0, 0.0)) && !f_is_unchanged(&last, &now(f64::NAN, f64::NAN)));
     }
 }

@@ -1,18 +1,24 @@
-//! The least friction that a record would have shown: what "no friction needed" is worth.
+//! The least detectable friction: the least f that would have shown in a record, by the power of the likelihood-ratio test. It says
+//! what a verdict of no stiction is worth.
 //!
 //! ```text
-//! v_f      = B(q)/C(q) (x_f - x)                                 what friction f adds to PV one step ahead
-//! lambda   = min over theta |v_f - Phi theta|^2 I / s^2          what no linear model takes for its own
-//! LR       ~ N(lambda/2, lambda)                                 log-likelihood ratio for f against none
-//! shown    : tau (lambda/2 - z sqrt lambda) - cost of the valve >= evidence/2,   z = 1.28: nine times of ten
+//! v_f    = B(q)/C(q) (x_f - x)                             what friction f adds to the one-step prediction of PV
+//! lambda = min over theta |v_f - Phi theta|^2 I / s^2      noncentrality: the part that no linear model explains
+//! LR     ~ N(lambda/2, lambda)                             log-likelihood ratio for f against no friction
+//! shown  : tau (lambda/2 - z sqrt lambda) - penalty of the valve >= evidence/2,   z = 1.28: in nine records of ten
 //! ```
 //!
-//! `x_f`: the stem with friction f under the recorded OP, `x`: the stem of the fitted model, `B/C` its answer one step ahead;
-//! `Phi`: the lags of OP and of PV as it would be, `y + B/A (x_f - x)`, 1 and the effects' shapes, which the model without
-//! friction fits; `s`, `nu`: scale and degrees of freedom of the errors (PV unit, -), `I = (nu + 1)/(nu + 3)` a sample's
-//! information of their location (-). What coefficients that are noise would add, `tr(cov b Q)` with `lambda = b' Q b / s^2`
-//! and 1.64 standard deviations of it, is taken off. Of a PV that moves in steps only the samples at which it moves inform:
-//! rounding errors between two of them are one error.
+//! | symbol | what it is | unit |
+//! |---|---|---|
+//! | `x_f`, `x` | stem with friction f under the recorded OP; stem of the fitted model | OP |
+//! | `Phi` | regressors without friction: lags of OP, lags of `y + B/A (x_f - x)`, a constant, shapes of loads | - |
+//! | `s`, `nu` | scale and degrees of freedom of the errors | PV, - |
+//! | `I` | Fisher information of the location of an error, in `1/s^2`: `(nu + 1)/(nu + 3)` | - |
+//! | `Q` | `lambda = b' Q b / s^2` as a quadratic form of the coefficients b of B | - |
+//!
+//! The estimate b is noisy, and its noise adds to lambda: the mean of that, `tr(cov(b) Q)`, and 1.64 standard deviations of it are
+//! subtracted. Where PV moves in steps, only the samples at which it moves count, because the rounding errors between two moves are
+//! one and the same error.
 //!
 //! Source: Kay, Fundamentals of Statistical Signal Processing II, 1998, section 6.5 (power of a likelihood-ratio test);
 //! Lange, Little & Taylor, JASA 1989, 84, 881 (information of a Student-t sample).
@@ -22,61 +28,60 @@ use super::hypothesis::Hypothesis;
 use super::valve_search::cost;
 use crate::sysid::armax::{Armax, ORDER};
 use crate::sysid::arx::Arx;
-use crate::sysid::criterion::{REGULAR, TEMPERING};
+use crate::sysid::criterion::{REGULAR, TEMPERING, penalty};
 use crate::sysid::gram::{lower, products};
 use crate::sysid::iddata::IdData;
 use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, substitute};
 use crate::sysid::valve::{StopRule, ValveModel};
 use nalgebra::{SMatrix, SVector};
 
-/// Nine of ten records show more: normal quantile (-).
+/// Normal quantile that nine of ten records exceed (-).
 const NINE_OF_TEN: f64 = 1.2816;
-/// The same of 95 of 100, for coefficients that are noise (-).
+/// Normal quantile for what the noise of B adds to lambda, exceeded by 5 of 100 (-).
 const CHANCE: f64 = 1.6449;
-/// Values of f, from the least up, each so much larger than the one before.
+/// Ratio of the values of f that are tried, from the least up.
 const STEP: f64 = 1.25;
 /// Factor by which `f_detectable` is larger than the theory says: a real stem is none of the models, and errors are not quite
 /// independent. The aim is that no more than one in twenty sticking valves told none is above it. The factor was chosen on the
 /// seeds from 8800 and 9100:
 /// `cargo run --release -p stictiond-numerics --example detectable -- --records 100 --first-seed 8800`.
 const MARGIN: f64 = 1.25;
-/// What is left of a step of an integrating process after one sample: PV must not run away in the simulation (-).
+/// Share of a step that an integrating process keeps after one sample: PV must not run away in the simulation (-).
 const LEAK: f64 = 0.999;
-/// The least, as a share of the largest at which a stem turns.
+/// The least f that is tried, as a share of the largest at which a stem reverses.
 const LEAST: f64 = 0.01;
-/// Rules and J/S of the valves of one f; of those that show at all, the one that shows least counts.
+/// Stop rules and J/S that one f may have. Of those that show at all, the one that shows least counts.
 const VALVES: [(StopRule, f64); 3] =
     [(StopRule::Reversal, 1.0), (StopRule::Reversal, 0.5), (StopRule::Reversal, 0.1)];
 
-/// The least f whose evidence would be `evidence` or more on nine of ten records such as this (normalised OP); `None` where
-/// the record shows no friction at all, whatever its size and kind.
-///
-/// A PV that hardly answers OP, so that B would not pay for itself, shows no friction either.
+/// The least f whose evidence would reach `evidence` on nine of ten records such as this (standard deviations of OP). `None` where
+/// no friction would show, whatever its size: also where PV hardly answers OP, so that B is not worth its own penalty.
 ///
 /// * `fitted`: the model of the record, with friction or without.
 /// * `evidence`: twice the log odds that a verdict asks for (-).
 pub fn detectable(data: &IdData, fitted: &Fitted, evidence: f64) -> Option<f64> {
     let Fitted { hypothesis, model, .. } = fitted;
     let stem = hypothesis.to_process(data, hypothesis.stem(data).0);
-    let none = Without::new(data, hypothesis);
-    let information = moving(data) * (model.nu + 1.0) / (model.nu + 3.0) / (model.scale * model.scale);
-    let (answer, b) = (information_of_b(data, fitted, &stem), SVector::<f64, ORDER>::from(model.b));
-    let paid = REGULAR * ORDER as f64 * data.counted().ln();
-    if 0.5 * TEMPERING * b.dot(&(answer * b)) * information < paid {
+    let none = WithoutFriction::new(data, hypothesis);
+    let information =
+        informative_share(data) * (model.nu + 1.0) / (model.nu + 3.0) / (model.scale * model.scale);
+    let (information_of_b, b) = (information_of_b(data, fitted, &stem), SVector::<f64, ORDER>::from(model.b));
+    let penalty_of_b = penalty(REGULAR * ORDER as f64, data.counted());
+    if 0.5 * TEMPERING * b.dot(&(information_of_b * b)) * information < penalty_of_b {
         return None;
     }
-    let known = answer.try_inverse().unwrap_or_else(OverB::zeros);
+    let covariance_of_b = information_of_b.try_inverse().unwrap_or_else(OverB::zeros);
     let least = |(rule, ratio): (StopRule, f64)| {
         let shown = |f: &f64| {
             let valve = ValveModel { s: 2.0 * f, j: 2.0 * f * ratio, rule, ..ValveModel::default() };
             let other = hypothesis.with_valve(Some(valve));
             let x = other.to_process(data, other.stem(data).0);
-            let left = none.left(data, &answers(data, model, &x, &stem));
-            // Coefficients that are noise add to it, too.
-            let by_chance = known * left;
+            let left = none.unexplained(data, &responses(data, model, &x, &stem));
+            // The noise of b adds to lambda, too.
+            let by_chance = covariance_of_b * left;
             let chance = by_chance.trace() + CHANCE * (2.0 * (by_chance * by_chance).trace().max(0.0)).sqrt();
             let lambda = (b.dot(&(left * b)) * information - chance).max(0.0);
-            let cost = cost(Some(&valve)).0 * data.counted().ln();
+            let cost = penalty(cost(Some(&valve)).0, data.counted());
             TEMPERING * (0.5 * lambda - NINE_OF_TEN * lambda.sqrt()) - cost >= 0.5 * evidence
         };
         values(data).find(shown)
@@ -84,9 +89,9 @@ pub fn detectable(data: &IdData, fitted: &Fitted, evidence: f64) -> Option<f64> 
     VALVES.into_iter().filter_map(least).reduce(f64::max).map(|f| MARGIN * f)
 }
 
-/// Share of the fitted samples at which a PV that moves in steps moves; 1 for any other. What stands in for a missing sample lies
-/// between two steps, and does not count.
-fn moving(data: &IdData) -> f64 {
+/// Share of the fitted samples that are informative: those at which PV moves, where it moves in steps; otherwise 1. Values that
+/// take the place of missing samples do not count.
+fn informative_share(data: &IdData) -> f64 {
     let measured: Vec<usize> =
         data.rows().filter(|k| data.weight[*k] > 0.0 && data.weight[k - 1] > 0.0).collect();
     let moves = measured.iter().filter(|k| data.y[**k] != data.y[**k - 1]).count();
@@ -99,18 +104,18 @@ fn values(data: &IdData) -> impl Iterator<Item = f64> + use<> {
     std::iter::successors(Some(LEAST * most), |f| Some(f * STEP)).take_while(move |f| *f < most)
 }
 
-/// A matrix over b1, b2, b3.
+/// A matrix over the coefficients b1, b2, b3 of B.
 type OverB = SMatrix<f64, ORDER, ORDER>;
 
-/// What a stem adds to PV.
-struct Answers {
-    /// One step ahead, on the fitted rows, for each `b` of 1.
+/// Responses of PV to a change of the stem.
+struct Responses {
+    /// Of the one-step prediction on the fitted rows, to each term of B with a coefficient of 1.
     ahead: [Vec<f64>; ORDER],
-    /// Up to the last of them.
+    /// Of PV itself, from the first sample to the last fitted row.
     free: Vec<f64>,
 }
 
-/// `v / C(q)` from the model's beginning on, on the fitted rows.
+/// The signal `v / C(q)` from the beginning of the model on, at the fitted rows.
 fn filtered(data: &IdData, model: &Armax, v: &dyn Fn(usize) -> f64) -> Vec<f64> {
     let mut out = vec![0.0; data.split];
     for k in model.begin(data)..data.split {
@@ -120,9 +125,9 @@ fn filtered(data: &IdData, model: &Armax, v: &dyn Fn(usize) -> f64) -> Vec<f64> 
     out.split_off(data.first)
 }
 
-/// What the stem `x` adds to PV over the stem `before`.
-fn answers(data: &IdData, model: &Armax, x: &[f64], before: &[f64]) -> Answers {
-    // A level is none of friction's: the controller takes it away.
+/// The responses of PV to the stem `x` in place of the stem `before`.
+fn responses(data: &IdData, model: &Armax, x: &[f64], before: &[f64]) -> Responses {
+    // The mean is left out: the controller removes a constant difference.
     let mean = data.rows().map(|k| x[k] - before[k]).sum::<f64>() / data.rows().len() as f64;
     let by = |k: usize| x[k] - before[k] - mean;
     let ahead = std::array::from_fn(|j| filtered(data, model, &|k| by(k - model.nk - j)));
@@ -132,10 +137,10 @@ fn answers(data: &IdData, model: &Armax, x: &[f64], before: &[f64]) -> Answers {
         let past: f64 = (0..ORDER).map(|i| model.a[i] * LEAK.powi(i as i32 + 1) * free[k - 1 - i]).sum();
         free[k] = driven - past;
     }
-    Answers { ahead, free }
+    Responses { ahead, free }
 }
 
-/// What the fitted rows say of b1, b2, b3, in units of the squared scale of the errors: the inverse of their covariance.
+/// Information of the fitted rows on b1, b2, b3: the inverse of their covariance, in units of the squared scale of the errors.
 fn information_of_b(data: &IdData, fitted: &Fitted, stem: &[f64]) -> OverB {
     let model = &fitted.model;
     let x: [Vec<f64>; ORDER] = std::array::from_fn(|j| filtered(data, model, &|k| stem[k - model.nk - j]));
@@ -143,39 +148,40 @@ fn information_of_b(data: &IdData, fitted: &Fitted, stem: &[f64]) -> OverB {
     let mut others: Vec<Vec<f64>> = (1..=ORDER).map(|lag| filtered(data, model, &|k| y[k - lag])).collect();
     others.push(vec![1.0; data.rows().len()]);
     let weight = &data.weight[data.rows()];
-    left_of(&x, others, weight)
+    residual_products(&x, others, weight)
 }
 
-/// The model without friction.
-struct Without {
+/// The signals of the model without friction.
+struct WithoutFriction {
     /// OP as the process sees it.
     x: Vec<f64>,
-    /// PV less what the effects add to it.
+    /// PV less the offset of the effects.
     y: Vec<f64>,
+    /// Shapes of the effects' loads.
     shapes: Vec<Vec<f64>>,
 }
 
-impl Without {
+impl WithoutFriction {
     fn new(data: &IdData, fitted: &Hypothesis) -> Self {
         let none = fitted.with_valve(None);
         let signals = none.signals(data);
         Self { x: signals.x, y: none.pv(data).into_owned(), shapes: signals.shapes }
     }
 
-    /// The part of what friction adds one step ahead that it does not explain: the sums of products over b1, b2, b3.
-    fn left(&self, data: &IdData, friction: &Answers) -> OverB {
+    /// The quadratic form Q: sums of products, over b1, b2, b3, of the part of friction's response that this model does not explain.
+    fn unexplained(&self, data: &IdData, friction: &Responses) -> OverB {
         let y: Vec<f64> = self.y.iter().zip(&friction.free).map(|(y, free)| y + free).collect();
         if !y.iter().all(|y| y.is_finite()) {
             return OverB::zeros();
         }
         let regression = Arx::new(data, &y, &self.shapes);
         let columns = regression.columns(&self.x).into_iter().map(<[f64]>::to_vec).collect();
-        left_of(&friction.ahead, columns, &data.weight[data.rows()])
+        residual_products(&friction.ahead, columns, &data.weight[data.rows()])
     }
 }
 
-/// Sums of products of `v` over the rows that count, less what `columns` explain of them.
-fn left_of(v: &[Vec<f64>; ORDER], columns: Vec<Vec<f64>>, weight: &[f64]) -> OverB {
+/// Sums of products of the signals `v` over the rows that count, less the part that a regression on `columns` explains.
+fn residual_products(v: &[Vec<f64>; ORDER], columns: Vec<Vec<f64>>, weight: &[f64]) -> OverB {
     let weighted = |v: &Vec<f64>| -> Vec<f64> { v.iter().zip(weight).map(|(v, w)| v * w).collect() };
     let columns: Vec<Vec<f64>> = columns.iter().map(weighted).collect();
     let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
@@ -246,7 +252,7 @@ mod tests {
         let valve = ValveModel { s: 2.0 * f, j: 2.0 * f, ..ValveModel::default() };
         let stuck = Hypothesis { valve: Some(valve), effects: Vec::new() };
         let mut sticking = data.clone();
-        let added = answers(&data, &none.model, &stuck.stem(&data).0, &data.u).free;
+        let added = responses(&data, &none.model, &stuck.stem(&data).0, &data.u).free;
         sticking.y.iter_mut().zip(&added).for_each(|(y, added)| *y += added);
         let [free, stuck] = [Hypothesis::default(), stuck].map(|h| fit_anew(&sticking, h, None));
         assert!(2.0 * (stuck.score - free.score) > 20.0, "{} {}", stuck.score, free.score);

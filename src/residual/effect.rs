@@ -1,78 +1,82 @@
-//! What an effect does to the model: the interface behind every hypothesis beside friction.
+//! The interface of every effect beside friction: where it enters the model, what it costs, and how it is described.
+//!
+//! ```text
+//! A(q) (y - o) = B(q) x + sum gamma_m phi_m + c0 + C(q) e
+//! ```
+//!
+//! An effect enters in one of four places: it changes the valve ([`EffectModel::change_valve`]), it changes the stem x on its
+//! way to the process ([`EffectModel::map_stem`], [`EffectModel::delay`]), it adds shapes phi of loads
+//! ([`EffectModel::shapes`]), or it adds an offset o to PV ([`EffectModel::add_pv_offset`]).
 
-use super::findings::{Kind, Lasting};
-use super::report::Described;
+use super::findings::{Described, Kind, Lasting};
 use crate::sysid::armax::{Armax, Smooth};
 use crate::sysid::iddata::IdData;
 use crate::sysid::valve::ValveModel;
 use std::fmt::Debug;
 
-/// An effect at some value of its parameters; what it does not touch stays as it is.
+/// An effect with values for its parameters. What a method does not override, the effect leaves as it is.
 pub trait EffectModel: Debug + Send + Sync {
-    /// Which of the closed list.
+    /// Its kind in the closed list.
     fn kind(&self) -> Kind;
     /// A copy.
     fn boxed(&self) -> Box<dyn EffectModel>;
-    /// The tag it takes.
+    /// The tag that it uses.
     fn tag(&self) -> Option<&str> {
         None
     }
-    /// Sum of the rates of its parameters: each costs its rate times ln N (see [`crate::sysid::criterion`]).
+    /// Sum of the rates of its parameters (-): a parameter is penalised by its rate times ln N (see [`crate::sysid::criterion`]).
     fn rate(&self) -> f64;
-    /// Alternatives among which it was chosen, beside its parameters (-).
+    /// Number of alternatives among which it was chosen, beside its parameters (-): the penalty is the logarithm of it.
     fn alternatives(&self) -> f64 {
         1.0
     }
-    /// Parameters in which the likelihood is smooth.
+    /// The parameters in which the likelihood is smooth: the ARMAX fit estimates them with its coefficients.
     fn smooth(&self) -> Vec<Smooth> {
         Vec::new()
     }
-    /// Sets them.
+    /// Sets the smooth parameters.
     fn set_smooth(&mut self, _theta: &[f64]) {}
-    /// The same effect a little to each side in the parameters in which the likelihood jumps; `step` from 1 down.
+    /// The same effect with neighbouring values of the parameters in which the likelihood jumps; `step` (-) from 1 down.
     fn neighbours(&self, _data: &IdData, _step: f64) -> Vec<Box<dyn EffectModel>> {
         Vec::new()
     }
-    /// The sample at which it sets in, where it changes something for good.
-    fn at(&self) -> Option<usize> {
+    /// The sample at which it sets in, where it is a lasting change.
+    fn change_time(&self) -> Option<usize> {
         None
     }
-    /// The same at another sample.
-    fn moved(&self, _at: usize) -> Box<dyn EffectModel> {
+    /// The same effect with another change time (samples).
+    fn with_change_time(&self, _at: usize) -> Box<dyn EffectModel> {
         self.boxed()
     }
-    /// Itself, and the same where it may enter elsewhere.
-    fn variants(&self) -> Vec<Box<dyn EffectModel>> {
-        vec![self.boxed()]
-    }
-    /// What it is at one value of a parameter: it competes wherever this effect leads, because a search can miss it.
+    /// The simpler effect that it becomes at one value of a parameter. The simpler one is fitted wherever this effect leads,
+    /// because the screening can miss it.
     fn special_case(&self) -> Option<Box<dyn EffectModel>> {
         None
     }
-    /// Changes the valve.
-    fn on_valve(&self, _valve: &mut ValveModel) {}
-    /// Whether it changes the stem on its way to the process.
-    fn bends(&self) -> bool {
+    /// Changes the parameters of the valve.
+    fn change_valve(&self, _valve: &mut ValveModel) {}
+    /// Whether [`EffectModel::map_stem`] changes the stem.
+    fn maps_stem(&self) -> bool {
         false
     }
-    /// Changes stem positions at sample `k` on their way to the process: of one valve or of several side by side.
-    fn bend(&self, _data: &IdData, _k: usize, _x: &mut [f64]) {}
-    /// Samples by which the process sees the stem later at sample `k` than elsewhere.
+    /// Maps stem positions at sample `k` to what the process sees of them: of one valve, or of several valves side by side.
+    fn map_stem(&self, _data: &IdData, _k: usize, _x: &mut [f64]) {}
+    /// Dead time that it adds at sample `k` (samples).
     fn delay(&self, _k: usize) -> usize {
         0
     }
-    /// Adds what PV shows beside the process' output.
-    fn on_pv(&self, _data: &IdData, _offset: &mut [f64]) {}
-    /// Whether it does.
-    fn shifts_pv(&self) -> bool {
+    /// Adds to the offset that PV shows and the process output does not have (standard deviations of PV).
+    fn add_pv_offset(&self, _data: &IdData, _offset: &mut [f64]) {}
+    /// Whether it has such an offset.
+    fn has_pv_offset(&self) -> bool {
         false
     }
-    /// What the next window may take as given; `None` for what comes and goes.
+    /// What the next window may take as given; `None` for an effect that comes and goes.
     fn lasting(&self, _data: &IdData) -> Option<Lasting> {
         None
     }
-    /// Adds the shapes of loads.
+    /// Appends the shapes phi of its loads.
     fn shapes(&self, _data: &IdData, _out: &mut Vec<Vec<f64>>) {}
-    /// Its parameters and its sentence; `gamma`: the coefficients of its own shapes.
+    /// Its parameters in the plant's units, and the sentence that operators read. `gamma`: the coefficients of its own shapes.
     fn describe(&self, data: &IdData, model: &Armax, gamma: &[f64]) -> Described;
 }

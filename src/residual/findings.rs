@@ -1,4 +1,4 @@
-//! What tracing finds: the values that leave the module.
+//! The findings of tracing: the types that other modules read.
 
 use crate::diagnosis::{Model, NotIdentifiable, Residual, Verdict};
 use crate::sysid::valve::ValveModel;
@@ -80,12 +80,12 @@ impl Kind {
         }
     }
 
-    /// Whether it says how friction differs, so that it means nothing without friction.
+    /// Whether it describes how friction varies, so that it means nothing without friction.
     pub fn is_of_friction(self) -> bool {
         matches!(self, Kind::AsymmetricFriction | Kind::FrictionDrift)
     }
 
-    /// Whether it is of the valve, or of how the process answers to it.
+    /// Whether it is about the valve, or about how the process answers the valve.
     pub fn is_of_the_valve(self) -> bool {
         use Kind::*;
         matches!(
@@ -100,7 +100,7 @@ impl Kind {
         )
     }
 
-    /// Whether it sets in at a time and stays.
+    /// Whether it is a change that sets in at a time and lasts.
     pub fn is_change(self) -> bool {
         matches!(self, Kind::LoadStep | Kind::GainChange | Kind::DeadTimeChange)
     }
@@ -123,27 +123,57 @@ pub struct Parameter {
     pub unit: &'static str,
 }
 
-/// What speaks for an effect.
+/// An effect in numbers and in one sentence.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Described {
+    /// Its numbers.
+    pub parameters: Vec<Parameter>,
+    /// Where it acts, for kinds that have more than one place.
+    pub place: Option<&'static str>,
+    /// One sentence.
+    pub explanation: String,
+}
+
+impl Described {
+    /// A description by this sentence, without numbers.
+    pub fn new(explanation: String) -> Self {
+        Self { parameters: Vec::new(), place: None, explanation }
+    }
+
+    /// The same with one number more.
+    pub fn with(mut self, name: &'static str, value: f64, unit: &'static str) -> Self {
+        self.parameters.push(Parameter { name, value, unit });
+        self
+    }
+
+    /// The same with its place.
+    pub fn at(mut self, place: &'static str) -> Self {
+        self.place = Some(place);
+        self
+    }
+}
+
+/// The evidence for an effect.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Evidence {
-    /// Logarithm of the odds for its kind, none and the other kinds together against it, on the samples that were fitted (-).
+    /// Logarithm of the odds for its kind against all other kinds and none, on the fitted samples (-).
     pub log_odds: f64,
-    /// Standard deviations by which the samples that nothing was fitted to speak for it (-).
+    /// Standard deviations by which the held-out samples are likelier with it than without it (-).
     pub held_out: f64,
-    /// Whether the valve sticks beside it.
+    /// Whether there is friction beside it.
     pub beside_friction: bool,
 }
 
 /// One effect that was added to the model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Effect {
-    /// Which.
+    /// Its kind.
     pub kind: Kind,
     /// Probability that it is there, given the record (0..1).
     pub posterior: f64,
-    /// What that follows from; `None` where the signals alone show the effect.
+    /// The evidence behind that probability; `None` where the signals alone show the effect.
     pub evidence: Option<Evidence>,
-    /// Twice the logarithm of the odds for it against none (-).
+    /// Twice the logarithm of the odds for it against the model without it (-).
     pub delta_aic: f64,
     /// The tag it comes from, where it is measured.
     pub tag: Option<String>,
@@ -151,11 +181,11 @@ pub struct Effect {
     pub parameters: Vec<Parameter>,
     /// Where it acts, for a kind that has more than one place: `valve` or `process`.
     pub place: Option<&'static str>,
-    /// In one sentence.
+    /// The sentence that operators read.
     pub explanation: String,
 }
 
-/// Friction as one of the models has it.
+/// The friction of one model.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Friction {
     /// Friction parameter, S/2 (OP unit).
@@ -166,7 +196,7 @@ pub struct Friction {
     pub lag: f64,
     /// Evidence: twice the logarithm of the odds for friction against the best model without (-).
     pub delta_aic: f64,
-    /// Probability of friction (0..1); NaN where the diagnosis stands, which has none.
+    /// Probability of friction (0..1); NaN where the verdict of the diagnosis stands, which has no such probability.
     pub posterior: f64,
 }
 
@@ -234,7 +264,7 @@ pub struct Curves {
     pub t0: f64,
     /// Sample period (s).
     pub ts: f64,
-    /// First sample that no fit has seen.
+    /// First held-out sample.
     pub split: usize,
     /// Measured PV.
     pub pv: Vec<f64>,
@@ -248,7 +278,7 @@ pub struct Curves {
     pub residual_after: Vec<f64>,
 }
 
-/// What OP and the measured stem say directly.
+/// Friction by OP and the measured stem, without the process.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stem {
     /// Friction fitted on OP -> MV.
@@ -300,14 +330,14 @@ pub enum Lasting {
     },
 }
 
-/// What a search found, and the next fit may take as given.
+/// The structure of a model: what a search found, and the fit of the next window may take as given.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Structure {
-    /// The valve, its place at the start left out (OP unit); `None` where the stem follows OP.
+    /// The valve, without its position at the start (OP unit); `None` where the stem follows OP.
     pub valve: Option<ValveModel>,
     /// Whether OP acts beside a stem that sticks.
     pub direct: bool,
-    /// Whether a search asked for friction; a record in which OP hardly reverses is not asked.
+    /// Whether a search tested friction: it cannot where OP hardly reverses.
     pub asked: bool,
     /// The effects beside it, in the order they were added.
     pub effects: Vec<Lasting>,
@@ -315,61 +345,60 @@ pub struct Structure {
     pub failed: Vec<Test>,
     /// Windows on which it was confirmed since.
     pub confirmed: u32,
-    /// Where the window ended in which it was searched for (s).
+    /// End of the window in which it was searched for (s).
     pub searched: f64,
 }
 
-/// Everything that tracing found.
+/// All findings of tracing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Findings {
-    /// In the order they were added; empty when the declared model suffices.
+    /// The effects: first the faults of the data, then the others in the order they were added.
     pub effects: Vec<Effect>,
-    /// What was likeliest until samples spoke against it that nothing was fitted to, or until PV was seen to follow OP beyond a
-    /// stop.
+    /// The kinds that were selected and then rejected: by the held-out samples, or because PV follows OP beyond a stop.
     pub rejected: Vec<(Kind, Evidence)>,
-    /// The likeliest kinds at the last step, those rejected and none (`None`) among them, with their posteriors.
+    /// The likeliest kinds at the last step with their posteriors, also the rejected ones; `None` for no further effect.
     pub candidates: Vec<(Option<Kind>, f64)>,
-    /// The declared model on the held-out samples; its f is the diagnosis', of the whole window.
+    /// The declared model on the held-out samples; its f is that of the diagnosis, which has seen the whole window.
     pub before: Residual,
     /// The model with the effects on the same samples.
     pub after: Residual,
-    /// Its own free run is worse than the declared model's.
+    /// Whether the free run of the model with the effects is worse than that of the declared model.
     pub simulates_worse: bool,
-    /// The residual is still not white and no effect explains it.
+    /// Whether the residual is still not white, so that no effect explains it.
     pub unexplained: bool,
     /// The tests that the final residual fails.
     pub failed: Vec<Test>,
     /// Friction without the effects.
     pub friction_before: Friction,
-    /// Friction estimated jointly with the effects: it replaces the one before.
+    /// Friction estimated jointly with the effects; it takes the place of `friction_before`.
     pub friction_after: Friction,
-    /// The least f that this record would have shown (OP unit), where no stiction is told no less than what the likelihood
-    /// leaves possible; `None` where it could have shown none.
+    /// The least f that would have shown in this record (OP unit); where the verdict is no stiction, no less than the end of the
+    /// interval of f. `None` where no f would have shown.
     pub f_detectable: Option<f64>,
     /// The verdict with the effects.
     pub verdict: Verdict,
-    /// That verdict in one line.
+    /// The sentence of the verdict, which operators read.
     pub reason: String,
     /// The linear part with the effects.
     pub model: Model,
     /// Signals to draw.
     pub curves: Curves,
-    /// OP -> measured stem, where there is one.
+    /// Friction from OP to the measured stem, where the stem is measured.
     pub stem: Option<Stem>,
-    /// What the next window's fit may take as given; `None` where it has to search.
+    /// What the fit of the next window may take as given; `None` where the next window has to be searched.
     pub structure: Option<Structure>,
 }
 
 impl Findings {
-    /// Drops what is only drawn, of the stem too.
+    /// Drops the curves, which are only drawn, also those of the measured stem.
     pub fn drop_curves(&mut self) {
         self.curves = Curves::default();
         let of_stem = self.stem.as_mut().and_then(|stem| stem.findings.as_mut());
         of_stem.into_iter().for_each(|own| own.curves = Curves::default());
     }
 
-    /// Whether they replace what the diagnosis says of friction: they do wherever they can tell it, or know that the record
-    /// cannot, so that verdict, f, its interval and evidence come from one table.
+    /// Whether they replace the diagnosis' verdict on friction. They do where they have a verdict of their own, or a reason why the
+    /// record cannot tell. Verdict, f, its interval and evidence then come from the same hypotheses.
     pub fn replaces_diagnosis(&self) -> bool {
         match &self.verdict {
             Verdict::Stiction | Verdict::NoStiction => true,

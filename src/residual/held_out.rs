@@ -1,5 +1,10 @@
-//! A model on the samples that nothing was fitted to: they are the last of the window, so what changed must stay changed there,
-//! and what goes on must go on.
+//! Validation on the held-out samples: the last fifth of the window, to which nothing was fitted.
+//!
+//! ```text
+//! z = sum d_k / sqrt(sum d_k^2),   d_k = ln p(y[k] | with) - ln p(y[k] | without)      over the held-out samples k
+//! ```
+//!
+//! The held-out samples are the latest ones: a change that lasts must still be there, and a load that goes on must go on.
 
 use super::fit::{Fitted, fit_anew};
 use super::hypothesis::OnData;
@@ -10,31 +15,32 @@ use crate::sysid::simulate::simulate;
 use crate::sysid::student;
 use crate::sysid::whiteness::is_white;
 
-/// Free runs, one after the other, over the held-out samples.
+/// Free runs into which the held-out samples are cut: over one run, one slow error would decide for an integrating process.
 const STRETCHES: usize = 4;
 
-/// A model judged: over all samples its errors and its free run.
-pub struct Judged {
-    /// Its errors on the held-out samples.
+/// A model on the whole record: its errors and its free run.
+pub struct Validation {
+    /// Whiteness, and the errors on the held-out samples (PV unit).
     pub residual: Residual,
-    /// Log-likelihood of each held-out sample.
+    /// Log-likelihood of each held-out sample (-).
     log_likelihoods: Vec<f64>,
-    /// Its errors one step ahead, behind a hole in their own standard deviation.
+    /// One-step errors of every sample (standard deviations of PV). An error in the rows after missing samples is divided by the
+    /// factor by which its own standard deviation is larger.
     pub e: Vec<f64>,
-    /// The same as differences of PV.
+    /// One-step errors without that division: measured PV less its prediction (standard deviations of PV).
     pub one_step: Vec<f64>,
-    /// Its free run.
+    /// Free run (standard deviations of PV).
     pub free: Vec<f64>,
 }
 
-/// Judges a model on the held-out samples that count in `counted`.
-pub fn judge(data: &IdData, fitted: &Fitted, counted: &IdData) -> Judged {
-    let input = OnData { hypothesis: &fitted.hypothesis, data };
+/// Validates a model on the held-out samples. Only the samples that count in the record `counted` count in the errors.
+pub fn validate(data: &IdData, fitted: &Fitted, counted: &IdData) -> Validation {
+    let input = OnData::new(&fitted.hypothesis, data);
     let signals = input.signals(&fitted.model.theta);
     let Errors { e, gains, .. } = fitted.model.errors(data, &data.y, &signals, data.len());
     let held = data.split..data.len();
     let stretch = held.len().div_ceil(STRETCHES).max(1);
-    // Without holes there are no gains: an error is its own likeliest value, and its standard deviation 1.
+    // Without missing samples there are no gains: the likeliest value of an error is the error, and its standard deviation is 1.
     let past = if gains.likeliest.is_empty() { &e } else { &gains.likeliest };
     let free = free_run(data, fitted, past, data.split, stretch);
     let root = |k: usize| gains.root.get(k).copied().unwrap_or(1.0);
@@ -56,7 +62,7 @@ pub fn judge(data: &IdData, fitted: &Fitted, counted: &IdData) -> Judged {
         student::log_likelihood(&e[k..=k], &counted.weight[k..=k], model.scale, model.nu) - lost
     };
     let log_likelihoods = held.map(each).collect();
-    Judged {
+    Validation {
         residual,
         log_likelihoods,
         e,
@@ -65,24 +71,24 @@ pub fn judge(data: &IdData, fitted: &Fitted, counted: &IdData) -> Judged {
     }
 }
 
-/// Runs after which a gain that depends on PV is that of PV run free: each run is right for as many samples more as the dead time
-/// has, and mostly for many more.
+/// Most free runs with an effect that depends on PV: each run is right for at least one dead time more than the run before.
 const RUNS: usize = 50;
-/// Change of PV at which a run repeats the one before (standard deviations of PV).
+/// Change of PV below which a run repeats the one before (standard deviations of PV).
 const SAME: f64 = 1e-6;
 
-/// A model run free from sample `from` on, with errors `e` before it, anew every `stretch` samples.
+/// The free run of a model from sample `from` on: it predicts PV from the stem and its own predictions, and starts again from
+/// measured PV every `stretch` samples. `e`: the errors before a start.
 fn free_run(data: &IdData, fitted: &Fitted, e: &[f64], from: usize, stretch: usize) -> Vec<f64> {
     let Fitted { model, hypothesis, .. } = fitted;
     let run = |data: &IdData, of: &IdData| {
-        let signals = OnData { hypothesis, data: of }.signals(&model.theta);
+        let signals = OnData::new(hypothesis, of).signals(&model.theta);
         simulate(model, data, &signals, e, from, stretch)
     };
     let mut free = run(data, data);
-    if !hypothesis.effects.iter().any(|effect| effect.bends()) {
+    if !hypothesis.effects.iter().any(|effect| effect.maps_stem()) {
         return free;
     }
-    // What bends with PV must not know what was measured.
+    // An effect may depend on PV: in a free run that is the PV of the run, and not the measured one.
     let mut of = data.clone();
     for _ in 0..RUNS {
         let differs = |(own, other): (&f64, &f64)| (own - other).abs() > SAME;
@@ -95,25 +101,25 @@ fn free_run(data: &IdData, fitted: &Fitted, e: &[f64], from: usize, stretch: usi
     free
 }
 
-/// What the held-out samples gain from the second model in log-likelihood, in standard deviations.
-pub fn gained(before: &Judged, after: &Judged) -> f64 {
+/// By how many standard deviations the held-out samples are likelier with the second model than with the first: z (-).
+pub fn held_out_gain(before: &Validation, after: &Validation) -> f64 {
     let pairs = before.log_likelihoods.iter().zip(&after.log_likelihoods);
     let by: Vec<f64> = pairs.map(|(before, after)| after - before).collect();
     by.iter().sum::<f64>() / (by.iter().map(|by| by * by).sum::<f64>().sqrt().max(f64::MIN_POSITIVE))
 }
 
-/// The model without the effect at `at`, fitted, and by how many standard deviations the held-out samples speak for the model with
-/// it, which is judged already.
-pub fn without(data: &IdData, best: &Fitted, with: &Judged, at: usize) -> (Fitted, f64) {
+/// The model without the effect at `at`, fitted, and by how many standard deviations the held-out samples are likelier with the
+/// effect (-). `with`: the model that has the effect, validated.
+pub fn without_effect(data: &IdData, best: &Fitted, with: &Validation, at: usize) -> (Fitted, f64) {
     let without = fit_anew(data, best.hypothesis.without(at), None);
-    let held_out = gained(&judge(data, &without, data), with);
+    let held_out = held_out_gain(&validate(data, &without, data), with);
     (without, held_out)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::residual::hypotheses::process::gain_of_pv::again;
+    use crate::residual::hypotheses::process::gain_of_pv::restored;
     use crate::residual::hypothesis::Hypothesis;
     use crate::signal::Window;
     use crate::sysid::valve::Start;
@@ -129,7 +135,7 @@ mod tests {
         }
         let window = Window { t0: 0.0, ts: 1.0, op, pv, ..Window::default() };
         let mut data = IdData::new(&window, Start { index: 0, is_max: true }).expect("long enough");
-        let bent = Hypothesis::default().with(again(&data, 0.1).expect("a gain"));
+        let bent = Hypothesis::default().with(restored(&data, 0.1).expect("a gain"));
         let fitted = fit_anew(&data, bent, None);
         let run = |data: &IdData| free_run(data, &fitted, &vec![0.0; data.len()], data.split, data.len());
         let before = run(&data);

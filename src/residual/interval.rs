@@ -1,19 +1,18 @@
-//! The interval of f: a profile likelihood, of a threshold.
+//! The 95 % interval of f, by profile likelihood.
 //!
 //! ```text
-//! LR(f) = 2 tau (ln L_max - ln L(f)),   the hull of {LR <= 7.35}, to the next f tried on each side, widened by OP's median step
+//! LR(f) = 2 tau (ln L_max - ln L(f)),   interval: the hull of {LR <= 7.35}, plus one step of OP at both ends
 //! ```
 //!
-//! f decides at which samples the stem turns, so its likelihood is that of a threshold: 7.35 is the 95 % point of its
-//! likelihood ratio where chi-squared would say 3.84. A turn lies somewhere between two samples, which no likelihood knows:
-//! hence the step of OP. The likelihood is tempered as in the verdict: a model of a valve is nearly right only.
-//!
-//! The error of the models of valves is added to both ends (`sysid/valve/model_error.rs`).
+//! f is a threshold: it decides at which samples the stem reverses. So the 95 % point of its likelihood ratio is 7.35, and not the
+//! 3.84 of chi-squared. Each end is the first tried f outside. The stem reverses at some time between two samples, which the
+//! likelihood cannot tell: hence the median step of OP at both ends. The likelihood is tempered as in the verdict, because a model
+//! of a valve is only nearly right. The error of the models of valves is added to both ends (`sysid/valve/model_error.rs`).
 //!
 //! Source: Hansen, Econometrica 2000, 68, 575, table 1.
 
 use super::hypothesis::Hypothesis;
-use super::valve_search::hidden;
+use super::valve_search::hidden_friction;
 use crate::sysid::arx::Arx;
 use crate::sysid::criterion::TEMPERING;
 use crate::sysid::iddata::IdData;
@@ -23,24 +22,25 @@ use crate::sysid::valve::model_error::with_model_error;
 
 /// 95 % point of the likelihood ratio of a threshold.
 const THRESHOLD_95: f64 = 7.35;
-/// S tried to each side, as `ln(S / S_hat)`.
+/// Values of S tried to each side, as `ln(S / S_hat)` (-).
 const STEPS: [f64; 18] = [
     0.001, 0.002, 0.004, 0.007, 0.012, 0.02, 0.03, 0.05, 0.08, 0.12, 0.18, 0.27, 0.4, 0.6, 0.9, 1.3, 1.9, 2.7,
 ];
-/// Steps beyond the last value inside after which the search to one side ends.
+/// Values outside in a row after which the search to one side ends.
 const BEYOND: usize = 4;
 
-/// The 95 % interval of f beside the effects (normalised OP); without friction from 0 to what could be hidden.
+/// The 95 % interval of f beside the effects (standard deviations of OP). Without friction it goes from 0 to the largest friction
+/// that could be hidden.
 ///
-/// `fast`: where the controller scanned between the samples, the quantile of OP's steps of those where OP moves fast. A turn that
-/// no sample met then lies beyond both of its neighbours, by as much as OP moves from one to the next there.
+/// * `fast`: where the controller scanned between the samples, a high quantile (0..1) of the steps of OP, which takes the place of
+///   the median. An extremum of OP between two samples then lies beyond both, by as much as OP moves from one to the next there.
 pub fn interval(data: &IdData, hypothesis: &Hypothesis, fast: Option<f64>) -> [f64; 2] {
-    let Some(valve) = hypothesis.valve else { return [0.0, hidden(data, hypothesis, THRESHOLD_95)] };
+    let Some(valve) = hypothesis.valve else { return [0.0, hidden_friction(data, hypothesis, THRESHOLD_95)] };
     let (signals, y) = (hypothesis.signals(data), hypothesis.pv(data));
     let arx = Arx::new(data, &y, &signals.shapes);
     let best = arx.fit(&signals.x, None);
     let mut most = best.log_likelihood;
-    // J keeps its size or its share of S, whichever is likelier.
+    // The likelihood at S: J keeps its size, or its share of S, whichever is likelier.
     let profile = |s: f64| -> f64 {
         let share = ValveModel { s, j: valve.j * s / valve.s, ..valve };
         let size = ValveModel { s, ..valve };
@@ -67,7 +67,7 @@ pub fn interval(data: &IdData, hypothesis: &Hypothesis, fast: Option<f64>) -> [f
         }
     }
     let excluded = |own: &(f64, f64)| 2.0 * TEMPERING * (most - own.1) > THRESHOLD_95;
-    // Between the last value inside and the first outside the likelihood was not asked.
+    // The end lies between the last value inside and the first value outside: the latter is taken.
     let end = |rated: &[(f64, f64)]| {
         let last = rated.iter().rposition(|own| !excluded(own)).unwrap_or(0);
         rated.get(last + 1).map(|own| 0.5 * own.0)

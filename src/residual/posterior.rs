@@ -5,22 +5,22 @@
 //! P(friction) : P(no friction) = sum over all h of prior(kind of h) exp(score(h)), with friction : without
 //! ```
 //!
-//! Such a posterior says which hypothesis is likeliest, not that one of them is true.
-//! What is published of an effect is therefore how often one with the same [`Evidence`] is there.
+//! Such a posterior says which hypothesis is likeliest; it takes for granted that one of them is true. The posterior that is
+//! published of an effect is therefore a share counted on simulated loops: how often an effect with as much [`Evidence`] was
+//! there ([`Evidence::posterior`]).
 
-use super::Kind;
-use super::findings::Evidence;
+use super::findings::{Evidence, Kind};
 use super::fit::Fitted;
 use super::hypotheses::ALL;
 use super::hypothesis::Hypothesis;
 use crate::sysid::criterion::log_sum;
 
-/// Logarithm of the prior odds of so many effects against none: 1/n for each, n = hypotheses asked.
+/// Logarithm of the prior odds of a number of effects against none (-): `-effects ln n`, n = kinds of hypotheses asked.
 pub fn log_prior(effects: usize) -> f64 {
     -(effects as f64) * (ALL.len() as f64).ln()
 }
 
-/// A probability from the logarithm of its odds.
+/// The probability (0..1) that has this logarithm of its odds.
 pub fn probability(log_odds: f64) -> f64 {
     1.0 / (1.0 + (-log_odds).exp())
 }
@@ -47,56 +47,61 @@ const STOPS: [[[u16; 2]; 3]; 2] = [[[0, 1], [13, 14], [13, 14]], [[17, 53]; 3]];
 const SLIP_JUMPS: [[u16; 2]; 2] = [[25, 36], [245, 298]];
 
 impl Evidence {
-    /// The share of effects of this kind with as much evidence that were there; no more than the odds alone say.
+    /// The posterior of an effect (0..1): the share of simulated effects of this kind, with as much evidence, that were there; at
+    /// most what the odds alone say.
     pub fn posterior(&self, kind: Kind) -> f64 {
-        // A ratio of two likelihoods that are 0 speaks for nothing.
+        // The odds of two likelihoods of 0 are not a number: they are no evidence.
         if self.log_odds.is_nan() {
             return 0.0;
         }
         let likely = self.log_odds >= LIKELY;
-        let said = match self.held_out {
+        let held_out = match self.held_out {
             z if z >= SPEAKS => 2,
             z if z >= -SPEAKS => 1,
-            // What cannot be compared speaks against the effect, too.
+            // A comparison that is not a number counts against the effect, too.
             _ => 0,
         };
         let [there, of] = match kind {
             Kind::SlipJump => SLIP_JUMPS[usize::from(likely)],
-            Kind::StaticNonlinearity => BENDS[usize::from(likely)][said],
-            Kind::ValveSaturation => STOPS[usize::from(self.beside_friction)][said],
-            _ if kind.is_change() => CHANGES[said],
-            _ if likely => OTHERS[said],
-            _ => UNLIKELY[said],
+            Kind::StaticNonlinearity => BENDS[usize::from(likely)][held_out],
+            Kind::ValveSaturation => STOPS[usize::from(self.beside_friction)][held_out],
+            _ if kind.is_change() => CHANGES[held_out],
+            _ if likely => OTHERS[held_out],
+            _ => UNLIKELY[held_out],
         };
         (f64::from(there) / f64::from(of)).min(probability(self.log_odds))
     }
 }
 
-/// Friction as the hypotheses of one kind are told apart: none, J = S, J free.
-pub fn class(hypothesis: &Hypothesis) -> usize {
+/// The class of a hypothesis' friction: 0 for none, 1 for J = S, 2 for J free.
+pub fn friction_class(hypothesis: &Hypothesis) -> usize {
     hypothesis.valve.map_or(0, |valve| if valve.j == valve.s { 1 } else { 2 })
 }
 
-/// Hypotheses with their logarithms of prior times evidence.
+/// The best hypothesis of every kind and class of friction, with the logarithm of prior times marginal likelihood.
 #[derive(Debug)]
 pub struct Table<'a> {
+    /// Hypothesis, kind of its next effect (`None` for no further effect), and `score + ln prior`.
     rows: Vec<(&'a Fitted, Option<Kind>, f64)>,
 }
 
 impl<'a> Table<'a> {
-    /// Of hypotheses that end in at most one effect more than the `count` that all share; `asked`: n, how many hypotheses were asked (two of them
-    /// may be of one kind).
+    /// The table of these hypotheses.
+    ///
+    /// * `fitted`: hypotheses with at most one effect more than all of them share.
+    /// * `count`: number of effects that all of them share.
+    /// * `asked`: n, how many hypotheses of a next effect were asked; two of them may be of one kind.
     pub fn new(fitted: &'a [Fitted], count: usize, asked: usize) -> Self {
         let prior = -(2.0 * asked.max(1) as f64).ln();
         let mut rows: Vec<(&Fitted, Option<Kind>, f64)> = Vec::new();
         for fitted in fitted.iter().filter(|fitted| fitted.score.is_finite()) {
             let kind = fitted.kind().filter(|_| fitted.hypothesis.effects.len() > count);
             let log = fitted.score + if kind.is_some() { prior } else { -(2.0f64).ln() };
-            let class = class(&fitted.hypothesis);
+            let class = friction_class(&fitted.hypothesis);
             let same = |row: &&mut (&Fitted, Option<Kind>, f64)| {
-                row.1 == kind && self::class(&row.0.hypothesis) == class
+                row.1 == kind && friction_class(&row.0.hypothesis) == class
             };
-            // Parameters are integrated by their rates: of hypotheses that differ in those alone the best stands for all.
+            // The rates integrate over the parameters: of hypotheses that differ in parameters alone, the best stands for all.
             match rows.iter_mut().find(same) {
                 Some(row) if row.2 < log => *row = (fitted, kind, log),
                 Some(_) => {}
@@ -106,19 +111,20 @@ impl<'a> Table<'a> {
         Self { rows }
     }
 
-    /// The table without these kinds.
+    /// The table without the hypotheses of these kinds.
     pub fn without(&self, kinds: &[Kind]) -> Self {
         let left = self.rows.iter().filter(|row| row.1.is_none_or(|kind| !kinds.contains(&kind)));
         Self { rows: left.copied().collect() }
     }
 
+    /// Logarithm of the sum of prior times marginal likelihood, over some hypotheses.
     fn log(&self, which: impl Fn(&Fitted, Option<Kind>) -> bool) -> f64 {
         let logs: Vec<f64> =
             self.rows.iter().filter(|(d, kind, _)| which(d, *kind)).map(|row| row.2).collect();
         log_sum(logs.iter().copied())
     }
 
-    /// The posterior of every kind in the table, `None` among them, the likeliest first.
+    /// The posterior (0..1) of every kind in the table, with `None` for no further effect, the likeliest first.
     pub fn kinds(&self) -> Vec<(Option<Kind>, f64)> {
         let all = self.log(|_, _| true);
         let mut kinds: Vec<Option<Kind>> = self.rows.iter().map(|row| row.1).collect();
@@ -130,22 +136,22 @@ impl<'a> Table<'a> {
         out
     }
 
-    /// The logarithm of the odds for a kind.
+    /// The logarithm of the odds for a kind against all others (-).
     pub fn log_odds_of(&self, kind: Option<Kind>) -> f64 {
         self.log(|_, own| own == kind) - self.log(|_, own| own != kind)
     }
 
-    /// The hypotheses that stand for their kinds.
+    /// The hypotheses of the table: the best of every kind and class of friction.
     pub fn fitted(&self) -> impl Iterator<Item = &'a Fitted> {
         self.rows.iter().map(|row| row.0)
     }
 
-    /// The logarithm of the odds for a property of hypotheses.
+    /// The logarithm of the odds for the hypotheses that have a property, against those that do not (-).
     pub fn log_odds(&self, which: impl Fn(&Fitted) -> bool) -> f64 {
         self.log(|d, _| which(d)) - self.log(|d, _| !which(d))
     }
 
-    /// The same among the hypotheses with another property.
+    /// The same odds among the hypotheses that have the property `within`.
     pub fn log_odds_within(&self, within: impl Fn(&Fitted) -> bool, which: impl Fn(&Fitted) -> bool) -> f64 {
         self.log(|d, _| within(d) && which(d)) - self.log(|d, _| within(d) && !which(d))
     }

@@ -1,16 +1,19 @@
-//! What was found, in the plant's units.
+//! The report: the outcome in the plant's units, with the verdict, the sentences that operators read, and the errors of the model
+//! before and after.
+//!
+//! The sentence of an effect is in its own file ([`super::effect::EffectModel::describe`]), that of the verdict in `verdict.rs`,
+//! and that of a fault of the data in [`super::data_quality`].
 
-use super::Settings;
 use super::checks;
 use super::data_quality::Fact;
 use super::detectable::detectable;
 use super::effect::EffectModel;
-use super::findings::{Curves, Effect, Evidence, Findings, Kind, Lasting, Parameter, Structure};
+use super::findings::{Curves, Described, Effect, Evidence, Findings, Kind, Lasting, Structure};
 use super::fit::{Fitted, fit_anew};
-use super::held_out::{Judged, gained, judge};
+use super::held_out::{Validation, held_out_gain, validate};
 use super::hypothesis::{Hypothesis, direct_lags};
-use super::response::follows;
-use super::trace::Outcome;
+use super::response::pv_follows_stem;
+use super::settings::Settings;
 use super::verdict::{Question, friction_before};
 use crate::diagnosis::verdict::of_archive;
 use crate::diagnosis::{Diagnosis, Model};
@@ -22,69 +25,32 @@ use crate::sysid::valve::{Rest, ValveModel};
 /// and J/S is told within another tenth on 48 of 67 valves whose stems have mass
 /// (`tracing_rates --generators C --effects slip_jump --seeds 2 --first-seed 311 --clean 172 --evidence`).
 const APART: f64 = 0.2;
-/// An effect in numbers and in one sentence.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Described {
-    /// Its numbers.
-    pub parameters: Vec<Parameter>,
-    /// Where it acts, for kinds that have more than one place.
-    pub place: Option<&'static str>,
-    /// One sentence.
-    pub explanation: String,
+
+/// The outcome of all steps: what a report is made of.
+pub struct Outcome {
+    /// The record as it was measured.
+    pub recorded: IdData,
+    /// The record with wrong samples repaired.
+    pub data: IdData,
+    /// The declared model, fitted to the record as it was measured.
+    pub declared: Fitted,
+    /// The likeliest hypothesis, fitted to the repaired record.
+    pub best: Fitted,
+    /// The faults that the signals alone show.
+    pub facts: Vec<Fact>,
+    /// For each effect of the likeliest hypothesis the evidence for it, and twice the log odds against the hypothesis without it.
+    pub added: Vec<(Evidence, f64)>,
+    /// The kinds that the held-out samples rejected, with the evidence.
+    pub rejected: Vec<(Kind, Evidence)>,
+    /// The kinds of next effect at the last step, with their posteriors; `None` for no further effect.
+    pub candidates: Vec<(Option<Kind>, f64)>,
+    /// Logarithm of the odds for friction, over all hypotheses of the last step (-).
+    pub friction_log_odds: f64,
+    /// The evidence for a slip jump J that differs from S, where there is friction.
+    pub slip_jump: Evidence,
 }
 
-impl Described {
-    /// With no numbers yet.
-    pub fn new(explanation: String) -> Self {
-        Self { parameters: Vec::new(), place: None, explanation }
-    }
-
-    /// With one number more.
-    pub fn with(mut self, name: &'static str, value: f64, unit: &'static str) -> Self {
-        self.parameters.push(Parameter { name, value, unit });
-        self
-    }
-
-    /// With its place.
-    pub fn at(mut self, place: &'static str) -> Self {
-        self.place = Some(place);
-        self
-    }
-}
-
-/// Least `|A|` and `|B|` that a load is divided by: where PV integrates, or does not answer at all, its size has no end.
-const LEAST: [f64; 2] = [1e-3, 1e-6];
-
-fn settled(left: f64, least: f64) -> f64 {
-    1.0 / if left.abs() < least { least.copysign(left) } else { left }
-}
-
-/// What a load of 1 in the equation is worth at the valve once it has settled, `1/B(1)` (OP unit).
-pub fn in_op(data: &IdData, model: &Armax) -> f64 {
-    settled(model.b.iter().sum(), LEAST[1]) * data.units.u
-}
-
-/// What it does to PV if nothing controls it, `1/A(1)` (PV unit); of an integrating process in its first thousand samples.
-pub fn in_pv(data: &IdData, model: &Armax) -> f64 {
-    settled(1.0 + model.a.iter().sum::<f64>(), LEAST[0]) * data.units.y
-}
-
-/// What a wave of amplitude 1 in the equation does to PV, and is worth at the valve (PV unit, OP unit).
-pub fn of_wave(data: &IdData, model: &Armax, w: f64) -> [f64; 2] {
-    let of = |numbers: &mut dyn Iterator<Item = f64>, least: f64| {
-        let (mut re, mut im) = (0.0, 0.0);
-        for (lag, number) in numbers.enumerate() {
-            let (s, c) = (w * lag as f64).sin_cos();
-            (re, im) = (re + number * c, im - number * s);
-        }
-        settled(re.hypot(im), least)
-    };
-    let a = of(&mut [1.0].into_iter().chain(model.a), LEAST[0]);
-    let b = of(&mut model.b.into_iter(), LEAST[1]);
-    [a * data.units.y, b * data.units.u]
-}
-
-/// Puts what was found into the plant's units; the held-out samples give the errors before and after.
+/// The findings in the plant's units. The errors before and after are those on the held-out samples.
 pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> Findings {
     let Outcome {
         recorded,
@@ -95,38 +61,39 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
         mut added,
         rejected,
         candidates,
-        friction,
+        friction_log_odds,
         slip_jump,
     } = outcome;
     if best.hypothesis.valve.is_none() {
         best = without_direct(&mut data, best);
     }
-    let (before, mut after) = (judge(&recorded, &declared, &data), judge(&data, &best, &data));
-    // Two models are compared on one PV: where PV was repaired, the declared one is fitted to it as well.
-    let declared_there =
-        (!facts.is_empty()).then(|| judge(&data, &fit_anew(&data, declared.hypothesis.clone(), None), &data));
-    let agrees = gained(declared_there.as_ref().unwrap_or(&before), &after) >= 0.0;
-    let question = Question { data: &data, best: &best, log_odds: friction, diagnosis, settings };
-    let mut answer = question.answer(agrees, || follows(&recorded, &declared));
+    let (before, mut after) = (validate(&recorded, &declared, &data), validate(&data, &best, &data));
+    // Two models are compared on the same PV: where PV was repaired, the declared model is fitted to the repaired PV, too.
+    let declared_on_repaired = (!facts.is_empty())
+        .then(|| validate(&data, &fit_anew(&data, declared.hypothesis.clone(), None), &data));
+    let agrees = held_out_gain(declared_on_repaired.as_ref().unwrap_or(&before), &after) >= 0.0;
+    let question = Question { data: &data, best: &best, log_odds: friction_log_odds, diagnosis, settings };
+    let mut answer = question.answer(agrees, || pv_follows_stem(&recorded, &declared));
     let valve = if answer.by_tracing { best.hypothesis.valve } else { declared.hypothesis.valve };
     let valve = valve.filter(|_| answer.tells_stiction());
-    // The published model has the friction that is believed, and no other.
+    // The published model has the friction of the verdict, and no other.
     if valve != best.hypothesis.valve {
         data.direct &= valve.is_some();
-        // Beside a valve that sticks those effects are unasked that stood in for it.
+        // Effects that were selected without friction may only have imitated the valve that sticks.
         if best.hypothesis.valve.is_none() {
             best.hypothesis.effects.clear();
             added.clear();
         }
-        best = with_friction(&data, &best.hypothesis, valve, &mut added);
-        after = judge(&data, &best, &data);
+        best = with_valve(&data, &best.hypothesis, valve, &mut added);
+        after = validate(&data, &best, &data);
     }
-    // What rows that were read apart would have shown nobody knows.
-    let together = diagnosis.preparation.apart().is_none();
-    let shown = together.then(|| detectable(&data, &best, settings.evidence_threshold)).flatten();
-    let f_detectable = answer.bound(&data, shown);
+    // Where OP and PV of a row were read at different times, the least f that would have shown is not known.
+    let read_together = diagnosis.preparation.apart().is_none();
+    let least_shown = read_together.then(|| detectable(&data, &best, settings.evidence_threshold)).flatten();
+    let f_detectable = answer.bound(&data, least_shown);
     let (stem, dir) = best.hypothesis.stem(&data);
     let failed = checks::failed(&data, (&stem, &dir), &after.e, 2 * ORDER);
+    // A record on which tracing and diagnosis differ, or which lies between two kinds of effect, has to be searched again.
     let undisputed = answer.agrees_with(diagnosis)
         && settings.compensated == 0.0
         && valve.is_some() == answer.tells_stiction()
@@ -155,8 +122,8 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
     }
 }
 
-/// Records and what a model predicts of them, before and after.
-fn curves([recorded, data]: [&IdData; 2], [before, after]: [&Judged; 2]) -> Curves {
+/// Measured PV, free runs and residuals (PV unit), before and after.
+fn curves([recorded, data]: [&IdData; 2], [before, after]: [&Validation; 2]) -> Curves {
     let unit = |v: &[f64], of: &IdData| v.iter().map(|y| y * of.units.y + of.units.y0).collect();
     let scaled = |v: &[f64]| v.iter().map(|y| y * data.units.y).collect();
     Curves {
@@ -171,7 +138,8 @@ fn curves([recorded, data]: [&IdData; 2], [before, after]: [&Judged; 2]) -> Curv
     }
 }
 
-/// What is named: facts of the samples, the effects of the model with what `added` them, and the slip jump where it is told.
+/// The effects of the report: faults of the data, the effects of the model with their evidence (`added`), and the slip jump where J
+/// differs from S.
 fn effects(
     data: &IdData,
     best: &Fitted,
@@ -181,7 +149,7 @@ fn effects(
 ) -> Vec<Effect> {
     let of_samples = |fact: Fact| Effect {
         posterior: fact.posterior,
-        ..named(fact.kind, None, f64::NAN, None, fact.described)
+        ..reported(fact.kind, None, f64::NAN, None, fact.described)
     };
     let mut effects: Vec<Effect> = facts.into_iter().map(of_samples).collect();
     let (_, mut gamma) = best.model.gamma.split_at(direct_lags(data).min(best.model.gamma.len()));
@@ -192,30 +160,29 @@ fn effects(
         gamma = rest;
         let described = effect.describe(data, &best.model, own);
         let tag = effect.tag().map(str::to_string);
-        effects.push(named(effect.kind(), Some(evidence), delta_aic, tag, described));
+        effects.push(reported(effect.kind(), Some(evidence), delta_aic, tag, described));
     }
     let apart = |valve: &ValveModel| (valve.j / valve.s - 1.0).abs() > APART;
     let told = slip_jump.filter(|evidence| evidence.posterior(Kind::SlipJump) > 0.5);
     if let Some((valve, evidence)) = best.hypothesis.valve.filter(apart).zip(told) {
         let [s, j] = [valve.s, valve.j].map(|band| band * data.units.u);
-        let described = slip(s, j, &data.units);
-        effects.push(named(Kind::SlipJump, Some(evidence), 2.0 * evidence.log_odds, None, described));
+        let described = describe_slip_jump(s, j, &data.units);
+        effects.push(reported(Kind::SlipJump, Some(evidence), 2.0 * evidence.log_odds, None, described));
     }
     effects
 }
 
-/// A valve in another unit of OP.
+/// A valve in another unit of OP: S, J and resolution times `by`.
 pub fn scaled(valve: ValveModel, by: f64) -> ValveModel {
     ValveModel { s: by * valve.s, j: by * valve.j, resolution: by * valve.resolution, ..valve }
 }
 
-/// Whether a fact belongs to the tag and not to this window.
+/// Whether a fault of the data is one of the tag, so that it lasts, and not one of this window.
 pub fn lasts(fact: &Fact) -> bool {
     fact.kind == Kind::QuantisedPv
 }
 
-/// What the next window's fit may take as given: nothing with an effect that comes and goes, or where samples are wrong. Where
-/// tracing and diagnosis differ, or the record lies between kinds, there is none either.
+/// What the fit of the next window may take as given; `None` where an effect comes and goes, or where samples are wrong.
 fn structure(data: &IdData, hypothesis: &Hypothesis, facts: &[Fact]) -> Option<Structure> {
     let effects: Option<Vec<Lasting>> =
         hypothesis.effects.iter().map(|effect| effect.lasting(data)).collect();
@@ -230,7 +197,7 @@ fn structure(data: &IdData, hypothesis: &Hypothesis, facts: &[Fact]) -> Option<S
     })
 }
 
-/// The same where OP is the stem and needs no term beside it.
+/// The model without the term of OP beside the stem: without friction OP is the stem.
 fn without_direct(data: &mut IdData, best: Fitted) -> Fitted {
     if !data.direct {
         return best;
@@ -239,8 +206,9 @@ fn without_direct(data: &mut IdData, best: Fitted) -> Fitted {
     fit_anew(data, best.hypothesis, None)
 }
 
-/// The same effects with this valve or none, fitted; without one those go that say how friction differs.
-fn with_friction(
+/// The model with this valve, or without friction, fitted. Effects that are no longer likelier than not are dropped, and without
+/// friction those that describe friction.
+fn with_valve(
     data: &IdData,
     hypothesis: &Hypothesis,
     valve: Option<ValveModel>,
@@ -251,7 +219,7 @@ fn with_friction(
     let beside_friction = valve.is_some();
     let anew =
         told.map(|(effect, (evidence, gain))| (effect, (Evidence { beside_friction, ..evidence }, gain)));
-    // Beside another valve an effect may mean nothing, or be no longer likelier than not.
+    // The posterior of an effect may depend on whether there is friction beside it.
     let stays = |effect: &dyn EffectModel, evidence: &Evidence| {
         (beside_friction || !effect.kind().is_of_friction()) && evidence.posterior(effect.kind()) > 0.5
     };
@@ -259,7 +227,8 @@ fn with_friction(
     fit_anew(data, other, None)
 }
 
-fn named(
+/// An entry of the report.
+fn reported(
     kind: Kind,
     evidence: Option<Evidence>,
     delta_aic: f64,
@@ -271,8 +240,8 @@ fn named(
     Effect { kind, posterior, evidence, delta_aic, tag, parameters, place, explanation }
 }
 
-/// The slip jump of a valve (OP unit).
-fn slip(s: f64, j: f64, units: &Units) -> Described {
+/// The slip jump of a valve in a sentence; S and J (OP unit).
+fn describe_slip_jump(s: f64, j: f64, units: &Units) -> Described {
     let lag = 0.5 * (s - j);
     let does = if lag < 0.0 { "slips beyond OP by" } else { "lags OP by" };
     let while_moving = if lag < 0.0 { "" } else { " while it moves" };
@@ -282,7 +251,7 @@ fn slip(s: f64, j: f64, units: &Units) -> Described {
         .with("j", j, "OP")
 }
 
-/// The linear part in the plant's units.
+/// The linear part (ARMAX) in the plant's units.
 fn model(data: &IdData, model: &Armax) -> Model {
     Model {
         na: ORDER,

@@ -1,42 +1,49 @@
-//! Whether PV answers as a hypothesis of the valve says, asked with OP beside it (see [`crate::sysid::encompass`]).
+//! Whether PV answers to the stem of a hypothesis rather than to OP itself, by a regression on both (see
+//! [`crate::sysid::encompass`]).
 
-use super::Kind;
-use super::findings::Evidence;
+use super::findings::{Evidence, Kind};
 use super::fit::{Fitted, has_positive_feedback};
 use super::hypothesis::Hypothesis;
 use crate::sysid::encompass::{Encompassing, Response};
 use crate::sysid::iddata::{IdData, LONGEST_LAG};
 use crate::sysid::valve::ValveModel;
 
-/// Whether PV is seen to follow the stem beside the effects, and does not move against it beside OP. The stem is that of the
-/// one-parameter valve with the same f, whatever its J. Where nothing can be asked, it counts as followed.
-pub fn follows(data: &IdData, best: &Fitted) -> bool {
+/// Whether PV follows the stem beside the effects, and does not move against the stem once OP is in the regression too. The stem is
+/// that of the one-parameter valve with the same f, whatever its J. True where the samples are too few for the regression.
+pub fn pv_follows_stem(data: &IdData, best: &Fitted) -> bool {
     if has_positive_feedback(data, &best.model) {
         return false;
     }
     let best = &best.hypothesis;
     let valve = best.valve.map(|valve| ValveModel::one_parameter(valve.f()));
     let stem = Hypothesis { valve, effects: Vec::new() }.stem(data).0;
-    // OP goes the same way to the process.
+    // The effects act on OP as they act on the stem.
     let [p, u] = [stem, data.u.clone()].map(|own| best.to_process(data, own));
-    let bends = best.effects.iter().any(|effect| effect.bends());
+    let is_mapped = best.effects.iter().any(|effect| effect.maps_stem());
     let mut loads = Vec::new();
     best.effects.iter().for_each(|effect| effect.shapes(data, &mut loads));
     encompassing(data, best, &loads, [&p, &u])
-        .is_none_or(|found| found.is_seen() && (bends || !found.is_reversed()))
+        .is_none_or(|found| found.is_seen() && (is_mapped || !found.is_reversed()))
 }
 
-/// What speaks for effect `at`, from the logarithm of its odds and the standard deviations by which held-out samples speak for it:
-/// nothing for a stop beyond which PV follows OP.
-pub fn evidence(data: &IdData, best: &Hypothesis, at: usize, [log_odds, held_out]: [f64; 2]) -> Evidence {
-    let refuted = best.effects[at].kind() == Kind::ValveSaturation && !stops(data, best, at);
+/// The evidence for effect `at`. For a stop beyond which PV follows OP the log odds are minus infinity.
+///
+/// * `log_odds`: logarithm of its odds on the fitted samples (-).
+/// * `held_out`: standard deviations by which the held-out samples are likelier with it (-).
+pub fn effect_evidence(
+    data: &IdData,
+    best: &Hypothesis,
+    at: usize,
+    [log_odds, held_out]: [f64; 2],
+) -> Evidence {
+    let refuted = best.effects[at].kind() == Kind::ValveSaturation && !is_stop(data, best, at);
     let log_odds = if refuted { f64::NEG_INFINITY } else { log_odds };
     Evidence { log_odds, held_out, beside_friction: best.valve.is_some() }
 }
 
-/// Whether PV follows the stem up to the stop that is effect `at`, and is not seen to follow what the stop keeps back. Loads that
-/// enter the equation are left out: they may be what makes up for a stop that is not there.
-fn stops(data: &IdData, best: &Hypothesis, at: usize) -> bool {
+/// Whether the stop that is effect `at` is one: PV follows the stem up to it, and does not follow the part of the stem beyond it.
+/// Loads that enter the equation are left out, because they may make up for a stop that is not there.
+fn is_stop(data: &IdData, best: &Hypothesis, at: usize) -> bool {
     let arrives = |of: &Hypothesis| of.to_process(data, of.stem(data).0);
     let (p, whole) = (arrives(best), arrives(&best.without(at)));
     let lost: Vec<f64> = whole.iter().zip(&p).map(|(whole, p)| whole - p).collect();
@@ -44,7 +51,7 @@ fn stops(data: &IdData, best: &Hypothesis, at: usize) -> bool {
         .is_none_or(|found| found.is_seen() && !found.is_seen_of_other())
 }
 
-/// The encompassing regression of the stem `p` with `u` beside it, and loads `extra`; `None` where samples are too few.
+/// The regression of PV on the stem `p` and on `u` beside it, with the loads `extra`; `None` where samples are too few.
 fn encompassing(
     data: &IdData,
     best: &Hypothesis,
@@ -62,7 +69,7 @@ mod tests {
     use super::*;
     use crate::residual::Lasting;
     use crate::residual::fit::fit_anew;
-    use crate::residual::hypotheses::again;
+    use crate::residual::hypotheses::restored;
     use crate::signal::Window;
     use crate::sysid::valve::Start;
     use rand::SeedableRng;
@@ -94,10 +101,10 @@ mod tests {
     #[test]
     fn pv_follows_the_stem_of_a_valve_that_sticks() {
         let mut data = record(2.0, f64::INFINITY, 1.0);
-        assert!(follows(&data, &sticking(&data, 2.0)));
+        assert!(pv_follows_stem(&data, &sticking(&data, 2.0)));
         data.gain_sign = Some(-1.0);
         assert!(
-            !follows(&data, &sticking(&data, 2.0)),
+            !pv_follows_stem(&data, &sticking(&data, 2.0)),
             "the controller says that PV has to go the other way"
         );
     }
@@ -105,7 +112,7 @@ mod tests {
     #[test]
     fn a_pv_that_answers_to_nothing_follows_no_stem() {
         let data = record(2.0, f64::INFINITY, 0.0);
-        assert!(!follows(&data, &sticking(&data, 2.0)));
+        assert!(!pv_follows_stem(&data, &sticking(&data, 2.0)));
     }
 
     #[test]
@@ -113,8 +120,8 @@ mod tests {
         for (stop, stands) in [(2.0, true), (f64::INFINITY, false)] {
             let data = record(0.0, stop, 1.0);
             let stop = Lasting::ValveSaturation { level: 2.0, above: true, held: false };
-            let best = Hypothesis { valve: None, effects: again(&data, &stop).into_iter().collect() };
-            let told = evidence(&data, &best, 0, [7.0, 2.0]);
+            let best = Hypothesis { valve: None, effects: restored(&data, &stop).into_iter().collect() };
+            let told = effect_evidence(&data, &best, 0, [7.0, 2.0]);
             assert_eq!(told.log_odds == 7.0, stands, "{told:?}");
             assert!(told.held_out == 2.0 && !told.beside_friction);
         }

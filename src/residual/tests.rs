@@ -7,7 +7,10 @@ use super::verdict::{Answer, Question};
 use super::*;
 use crate::diagnosis::rivals::Rival;
 use crate::diagnosis::verdict::could_be_hidden;
-use crate::diagnosis::{Estimate, HistoryFound, HistoryKind, Model, Preparation, diagnose};
+use crate::diagnosis::{
+    Estimate, HistoryFound, HistoryKind, Model, NotIdentifiable, Preparation, Verdict, diagnose,
+    diagnose_gated,
+};
 use crate::signal::{Role, Sample};
 use crate::sim::scenarios::table2_loop;
 use crate::sim::{LoopSpec, SensorSpec, simulate};
@@ -32,7 +35,7 @@ fn rows_that_repeat_a_reading_are_not_traced() {
     let record = sticking(600, 3.0);
     let traced = |ts: Option<f64>| {
         let settings = diagnosis::Settings { ts, ..diagnosis::Settings::default() };
-        assert!(gate::gate(&record, &settings).is_ok(), "the gate lets {ts:?} pass");
+        assert!(gate(&record, &settings).is_ok(), "the gate lets {ts:?} pass");
         let found = match ts {
             Some(_) => diagnose(&record, &settings),
             None => Diagnosis::bare(Verdict::NoStiction, "made for a test"),
@@ -49,6 +52,22 @@ fn rows_that_repeat_a_reading_are_not_traced() {
 }
 
 #[test]
+fn what_the_gate_said_is_not_asked_again() {
+    let (record, settings) = (sticking(600, 1.0), diagnosis::Settings::default());
+    let tracing = Settings::default();
+    let gated = gate(&record, &settings);
+    let found = diagnose_gated(&record, &gated, &settings);
+    assert_eq!(found.reason, diagnose(&record, &settings).reason);
+    let whole = window_of(&gated, &found).expect("it is traced");
+    assert_eq!(Some(whole), window(&record, &found, &settings));
+    let why = NotIdentifiable::NoTimeBase;
+    let refused: Gated = Err(Box::new((why.clone(), Preparation::default())));
+    assert_eq!(diagnose_gated(&record, &refused, &settings).verdict, Verdict::NotIdentifiable(why));
+    assert_eq!(trace_gated(&record, &refused, &found, &settings, &tracing), None);
+    assert_eq!(confirm_gated(&record, &refused, &settings, &tracing, &Structure::default()), None);
+}
+
+#[test]
 fn an_oscillation_that_is_too_fast_for_the_samples_is_not_traced() {
     let noise = |k: usize| (1.3 * (k * k) as f64).sin();
     let wave = |level: f64, phase: f64| -> Vec<Sample> {
@@ -59,13 +78,12 @@ fn an_oscillation_that_is_too_fast_for_the_samples_is_not_traced() {
     let settings = diagnosis::Settings::default();
     let found = diagnose(&record, &settings);
     let refused = matches!(found.verdict, Verdict::NotIdentifiable(NotIdentifiable::Undersampled { .. }));
-    assert!(refused && gate::gate(&record, &settings).is_ok(), "{}", found.reason);
+    assert!(refused && gate(&record, &settings).is_ok(), "{}", found.reason);
     assert!(window(&record, &found, &settings).is_none());
 }
 
-/// A lag behind a dead band of 2 whose OP swings slowly by ±5, and the model of that valve.
-fn dead_band() -> (IdData, Fitted) {
-    let n = 1600;
+/// A lag behind a dead band of 2 whose OP swings slowly by ±5, with a load that enters its equation.
+pub(super) fn behind_dead_band(n: usize, load: impl Fn(usize) -> f64) -> IdData {
     let mut draw = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(3));
     let mut next = || -> f64 { draw.next().unwrap_or(0.0) };
     let swing = |k: usize| 3.0 * (0.055 * k as f64).sin() + 2.0 * (0.0215 * k as f64).cos();
@@ -73,12 +91,18 @@ fn dead_band() -> (IdData, Fitted) {
     let (mut y, mut stem, mut pv) = (0.0, 0.0f64, vec![0.0; n]);
     for k in 1..n {
         stem = stem.clamp(op[k - 1] - 1.0, op[k - 1] + 1.0);
-        y = 0.8 * y + 0.2 * stem;
+        y = 0.8 * y + 0.2 * stem + load(k);
         pv[k] = y + 0.1 * next();
     }
     let window = Window { t0: 0.0, ts: 1.0, op, pv, ..Window::default() };
-    let mut data = IdData::new(&window, Start { index: 0, is_max: true }).expect("long enough");
-    data.gain_sign = None;
+    let data = IdData::new(&window, Start { index: 0, is_max: true }).expect("long enough");
+    // No controller makes this OP.
+    IdData { gain_sign: None, ..data }
+}
+
+/// A record behind a dead band without a load, and the model of that valve.
+fn dead_band() -> (IdData, Fitted) {
+    let data = behind_dead_band(1600, |_| 0.0);
     let valve = ValveModel { s: 2.0 / data.units.u, j: 0.0, ..ValveModel::default() };
     let best = fit_anew(&data, Hypothesis { valve: Some(valve), effects: Vec::new() }, None);
     (data, best)
@@ -178,9 +202,23 @@ fn the_largest_reversal_is_told_whichever_way_it_goes() {
     let data = of_op(vec![0.0, 5.0, 2.0, 12.0, 11.0], Start { index: 1, is_max: true }, 1.5);
     let mut answer = standing(&data, &declared(1.5));
     assert_eq!(answer.bound(&data, None), None);
-    let hidden = NotIdentifiable::HiddenFriction { reversal: "10.000 % OP".into() };
+    let [reversal, friction] = ["10.000 % OP", "3.000 % OP"].map(String::from);
+    let hidden = NotIdentifiable::HiddenFriction { reversal, friction: Some(friction) };
     assert_eq!(answer.verdict, Verdict::NotIdentifiable(hidden));
-    assert!(answer.reason.contains("OP never reverses by more than 10.000 % OP"), "{}", answer.reason);
+    assert_eq!(
+        answer.reason,
+        "hidden friction: OP never reverses by more than 10.000 % OP: friction up to S = 3.000 % OP cannot show beside what else \
+         moves PV"
+    );
+    // Of a bound beyond every valve that was tried only these are spoken of, and of none nothing is said.
+    for (f_max, said) in
+        [(1.5, ": friction up to S = 3.000 % OP cannot show"), (0.0, ", and friction would not show")]
+    {
+        let data = IdData { f_max, ..data.clone() };
+        let mut answer = standing(&data, &declared(f64::INFINITY));
+        assert_eq!(answer.bound(&data, None), None);
+        assert!(answer.reason.contains(said), "{}", answer.reason);
+    }
 }
 
 #[test]

@@ -1,54 +1,58 @@
-//! The verdict after effects, and what it leaves possible.
+//! The verdict on friction beside the effects, its sentence, and the bound on f that it leaves possible.
 //!
-//! Stiction is told where f is above its threshold, its interval excludes 0, its evidence is enough, and PV is seen to follow the
-//! stem. A valve whose OP the diagnosis sees PV not to answer is never told to stick. Where held-out samples disagree with the effects, the diagnosis without them stands.
+//! The verdict is stiction where all of these are true: f is above its threshold, its interval excludes 0, its evidence is above
+//! its threshold, and PV follows the stem. It is never stiction where the diagnosis sees that PV does not answer OP. Where the
+//! held-out samples are likelier without the effects, the verdict of the diagnosis stands.
 
-use super::Settings;
 use super::findings::Friction;
 use super::fit::{Fitted, has_positive_feedback};
 use super::interval::interval;
 use super::posterior::probability;
-use super::response::follows;
+use super::response::pv_follows_stem;
+use super::settings::Settings;
 use crate::diagnosis::verdict::{bare_reason, could_be_hidden, not_told};
 use crate::diagnosis::{Diagnosis, NotIdentifiable, Verdict};
 use crate::signal::told;
 use crate::sysid::iddata::IdData;
 use crate::sysid::valve::largest_move;
 
-/// Share of the largest f from which a bound excludes nothing.
+/// Share of the largest f from which a bound excludes nothing: the values of f that are tried do not meet the largest exactly.
 const EXCLUDES_NOTHING: f64 = 0.98;
 
-/// What a verdict is made of.
+/// What the verdict depends on.
 pub struct Question<'a> {
-    /// The record with its samples put right.
+    /// The record with wrong samples repaired.
     pub data: &'a IdData,
-    /// The best hypothesis.
+    /// The likeliest hypothesis.
     pub best: &'a Fitted,
-    /// Logarithm of the odds for friction; minus infinity where nothing was asked of it, because the valve reverses too seldom.
+    /// Logarithm of the odds for friction (-); minus infinity where friction was not tested, because the stem reverses too seldom.
     pub log_odds: f64,
     /// The diagnosis without effects.
     pub diagnosis: &'a Diagnosis,
-    /// Thresholds.
+    /// Thresholds, and the span of OP.
     pub settings: &'a Settings,
 }
 
-/// The verdict, and why.
+/// The verdict with its reason.
 #[derive(Debug)]
 pub struct Answer {
     /// Friction (OP unit).
     pub friction: Friction,
     /// The verdict.
     pub verdict: Verdict,
-    /// One sentence; once it is bounded ([`Answer::bound`]), with what it leaves possible.
+    /// The sentence that operators read; [`Answer::bound`] appends which f it leaves possible.
     pub reason: String,
-    /// Whether tracing decided, or the diagnosis stands.
+    /// Whether tracing decided; otherwise the diagnosis stands.
     pub by_tracing: bool,
-    /// Whether tracing asked of friction at all.
+    /// Whether tracing tested friction at all.
     pub asked: bool,
 }
 
 impl Question<'_> {
-    /// The verdict; `agrees`: held-out samples are predicted no worse with the effects, `followed`: PV follows the declared stem.
+    /// The verdict.
+    ///
+    /// * `agrees`: the held-out samples are no less likely with the effects.
+    /// * `followed`: whether PV follows the stem of the declared model; it is asked only where the diagnosis tells stiction.
     pub fn answer(&self, agrees: bool, followed: impl Fn() -> bool) -> Answer {
         let asked = self.log_odds > f64::NEG_INFINITY;
         if asked {
@@ -75,7 +79,7 @@ impl Question<'_> {
         answer
     }
 
-    /// Friction beside the effects, and what it means.
+    /// Friction beside the effects, the verdict on it, and its sentence.
     fn traced(&self) -> (Friction, Verdict, String) {
         let Self { data, best, log_odds, diagnosis, settings } = *self;
         let unit = data.units.u;
@@ -84,15 +88,15 @@ impl Question<'_> {
         let apart = diagnosis.preparation.apart();
         let fast = diagnosis.preparation.unseen_moves();
         let mut within = interval(data, &best.hypothesis, fast).map(|f| f * unit);
-        let is_there = evidence > settings.evidence_threshold && within[0] > 0.0;
-        let sticks = is_there && f > settings.f_threshold;
+        let is_significant = evidence > settings.evidence_threshold && within[0] > 0.0;
+        let sticks = is_significant && f > settings.f_threshold;
         let verdict = match &diagnosis.verdict {
-            // A stem that PV is not seen to answer may be any signal that happens to look like PV's load.
+            // Where PV does not answer OP, a stem may be any signal that happens to resemble PV's load.
             unanswered @ Verdict::NotIdentifiable(NotIdentifiable::NoResponse) => unanswered.clone(),
-            _ if sticks && follows(data, best) => Verdict::Stiction,
+            _ if sticks && pv_follows_stem(data, best) => Verdict::Stiction,
             _ if sticks => Verdict::NotIdentifiable(NotIdentifiable::StemNotFollowed),
             Verdict::NotIdentifiable(why) => Verdict::NotIdentifiable(why.clone()),
-            // A valve that a term moves at once leaves no friction to be seen.
+            // A term of write-back moves the valve at once, so that its friction does not show.
             _ if settings.compensated > 0.0 => Verdict::NotIdentifiable(NotIdentifiable::Compensated),
             _ if has_positive_feedback(data, &best.model) => {
                 Verdict::NotIdentifiable(NotIdentifiable::NoResponse)
@@ -100,9 +104,9 @@ impl Question<'_> {
             _ => apart.map_or(Verdict::NoStiction, Verdict::NotIdentifiable),
         };
         let sticks = verdict == Verdict::Stiction;
-        if verdict == Verdict::NoStiction && best.hypothesis.valve.is_some() && !is_there {
-            // That interval is of one kind of valve, as if there were one. Where none need be there, whatever the record does not
-            // exclude beside none is possible.
+        if verdict == Verdict::NoStiction && best.hypothesis.valve.is_some() && !is_significant {
+            // That interval takes friction for granted, with one stop rule. Without significant friction, every f that the record
+            // does not exclude against none is possible.
             let none = best.hypothesis.with_valve(None);
             within[1] = within[1].max(interval(data, &none, None)[1] * unit);
         }
@@ -117,7 +121,7 @@ impl Question<'_> {
         (friction, verdict, reason)
     }
 
-    /// Why, in one sentence; `f` and where it is `within` (OP unit).
+    /// The reason in one sentence. `f` and its 95 % interval `within` (OP unit).
     fn reason(&self, verdict: &Verdict, f: f64, within: [f64; 2]) -> String {
         let evidence = 2.0 * self.log_odds;
         let span = self.settings.op_span;
@@ -137,13 +141,13 @@ impl Question<'_> {
 }
 
 impl Answer {
-    /// Whether stiction is told.
+    /// Whether the verdict is stiction.
     pub fn tells_stiction(&self) -> bool {
         self.verdict == Verdict::Stiction
     }
 
-    /// Whether the diagnosis says the same: both tell stiction or neither does, held-out samples did not overrule tracing, and no
-    /// term of write-back acted in the window.
+    /// Whether tracing and diagnosis agree: both tell stiction or neither does, the held-out samples did not overrule tracing, and no
+    /// term of write-back was in force in the window.
     pub fn agrees_with(&self, diagnosis: &Diagnosis) -> bool {
         let sticks = diagnosis.verdict == Verdict::Stiction;
         (self.by_tracing || !self.asked)
@@ -151,8 +155,9 @@ impl Answer {
             && diagnosis.preparation.compensated == 0.0
     }
 
-    /// Bounds f where no stiction is told, by `detectable`, the least f that the record would have shown: neither what it would not
-    /// have shown nor what its likelihood leaves possible is excluded. Returns what is published of it (OP unit).
+    /// Bounds f from above where the verdict is no stiction. The bound is the larger of two: the end of the interval of f, and
+    /// `detectable`, the least f that the record would have shown (standard deviations of OP). Where the bound excludes nothing, the
+    /// verdict becomes hidden friction. Returns the published least f that would have shown (OP unit).
     pub fn bound(&mut self, data: &IdData, detectable: Option<f64>) -> Option<f64> {
         let detectable = detectable.map(|f| f * data.units.u);
         if self.verdict != Verdict::NoStiction {
@@ -163,21 +168,26 @@ impl Answer {
         self.friction.f_ci95[1] = bound;
         if detectable.is_none() && bound >= EXCLUDES_NOTHING * most {
             let reversal = 2.0 * largest_move(&data.u, data.start.index) * data.units.u;
-            self.cannot_tell(NotIdentifiable::HiddenFriction { reversal: data.units.along_op(reversal) });
+            // No valve is tried beyond the largest f: its stem would not turn.
+            let s = 2.0 * bound.min(most);
+            let friction = (s.is_finite() && s > 0.0).then(|| data.units.along_op(s));
+            let reversal = data.units.along_op(reversal);
+            self.cannot_tell(NotIdentifiable::HiddenFriction { reversal, friction });
         } else {
-            // The one place that says it, whoever decided: the bound that is published.
+            // This is the only place that writes the bound into the sentence.
             self.reason += &could_be_hidden(bound, data.units.span);
         }
         detectable.map(|_| bound)
     }
 
+    /// Makes the verdict `not_identifiable`.
     fn cannot_tell(&mut self, why: NotIdentifiable) {
         self.reason = why.to_string();
         self.verdict = Verdict::NotIdentifiable(why);
     }
 }
 
-/// Friction as the diagnosis has it.
+/// Friction by the diagnosis, without effects.
 pub fn friction_before(diagnosis: &Diagnosis) -> Friction {
     diagnosis.estimate.as_ref().map_or_else(Friction::default, |e| Friction {
         f: e.f,

@@ -1,8 +1,9 @@
-//! A moment as sentences say it.
+//! A point in time as sentences write it.
 
-/// In UTC where stamps count from the Unix epoch, as in the daemon; else in seconds, as the record's own stamps have it.
+/// A time `t` (s) as text: a date and time in UTC where stamps count from the Unix epoch, as in the daemon; otherwise seconds, as in
+/// the record.
 pub fn moment(t: f64) -> String {
-    // A record that counts from a beginning of its own does not last for three years, and no plant runs in the year 5000.
+    // A record that counts from its own beginning is shorter than three years, and stamps of the Unix epoch end before the year 5000.
     if !(1e8..1e11).contains(&t) {
         return format!("{t:.1} s");
     }
@@ -13,8 +14,10 @@ pub fn moment(t: f64) -> String {
     format!("{year:04}-{month:02}-{day:02} {hour:02}:{minute:02}:{second:02} UTC")
 }
 
-/// Year, month and day of so many days after 1970-01-01, by the Gregorian calendar (Hinnant, "chrono-compatible low-level date
-/// algorithms"): years begin in March, so that the leap day is the last of its year.
+/// Year, month and day of a number of days after 1970-01-01, by the Gregorian calendar. Years begin in March, so that the leap day is
+/// the last day of its year.
+///
+/// Source: Hinnant, "chrono-compatible low-level date algorithms".
 fn date(days: i64) -> (i64, i64, i64) {
     let from_march_of_0 = days + 719_468;
     let era = from_march_of_0.div_euclid(146_097);

@@ -1,10 +1,10 @@
-//! Values that stand for no measurement among good samples.
+//! Outage values: values such as -9999 that a link, historian or logger writes in place of a measurement, with good quality.
 
 use super::Sample;
 
-/// Values of this and beyond are no measurement: 1E+30 stands for none in some exports, and more would overflow the sums.
+/// Values from here on are no measurements: some exports write 1E+30 for none, and larger values would overflow sums.
 pub const LARGEST_VALUE: f64 = 1e30;
-/// Values that links, historians and loggers write where nothing was measured.
+/// Values that links, historians and loggers write in place of a measurement.
 const OUTAGES: [f64; 14] = [
     0.0,
     -1.0,
@@ -21,23 +21,23 @@ const OUTAGES: [f64; 14] = [
     65_535.0,
     4_294_967_295.0,
 ];
-/// How many times further than it spreads a tag lives from such a value; from zero it is once.
+/// Least distance of the tag's other values from an outage value, in spreads of the tag; from zero one spread is enough.
 const FAR: f64 = 10.0;
-/// Fewest samples on end that are a stay of OP at a limit: neither a value that a logger writes for want of another nor an extreme
-/// that a coarse resolution repeats lasts so long as a rule.
+/// Fewest equal samples in a row that are a stay of OP at a limit. Outage values, and extremes that a coarse resolution repeats, are
+/// usually shorter.
 pub const AT_LIMIT: usize = 5;
 
-/// Between which limits the controller keeps OP, and until when the record goes.
+/// The limits between which the controller keeps OP, and the end of the record.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// The lower and the upper one (OP unit).
+    /// The lower and the upper limit (OP unit).
     pub range: (f64, f64),
-    /// When the record ends (s).
+    /// End of the record (s).
     pub end: f64,
 }
 
-/// Which of these values are no measurements among good samples: the tag lives far from them otherwise. A tag that stands still
-/// lives far from nothing but zero. Where limits of the tag are known, [`are_measured`] says which of its samples are left.
+/// The outage values among good samples: values of the known list that are at most half of the samples, and far from all others. Of a
+/// tag that otherwise stands still only zero can be one. [`are_measured`] then tells the samples apart.
 pub fn outages(samples: &[Sample]) -> Vec<f64> {
     let times = |value: f64| samples.iter().filter(|s| s.value == value).count();
     let few = |value: f64| (1..=samples.len() / 2).contains(&times(value));
@@ -45,7 +45,7 @@ pub fn outages(samples: &[Sample]) -> Vec<f64> {
     if candidates.is_empty() {
         return candidates;
     }
-    // None of them is among the others, so that two kinds do not hide each other.
+    // All candidates are left out of the others, so that two outage values do not hide each other.
     let others: Vec<f64> = samples.iter().map(|s| s.value).filter(|v| !candidates.contains(v)).collect();
     if others.is_empty() {
         return Vec::new();
@@ -59,11 +59,15 @@ pub fn outages(samples: &[Sample]) -> Vec<f64> {
     candidates.into_iter().filter(far).collect()
 }
 
-/// Which of the good samples of a tag, in order of time, are measurements, where some values stand for `none`.
+/// Which of the good samples of a tag are measurements.
 ///
-/// Such a value is a measurement all the same where it is a limit of OP and OP stays there: an OP that shuts the valve is zero, too.
-/// It stays for [`AT_LIMIT`] samples on end, or, where the source sends changes only, for as long as so many take. `lost`: when the
-/// tag was not good, in order (s); beyond that no value stands.
+/// An outage value is a measurement where it is a limit of OP and OP stays there: an OP that shuts the valve is zero, too. A stay has
+/// [`AT_LIMIT`] equal samples in a row, or lasts as long as so many where the source sends changes only.
+///
+/// * `samples`: the good samples, in order of time.
+/// * `none`: the outage values of the tag.
+/// * `limits`: the limits of OP, where the tag is OP and they are known.
+/// * `lost`: times at which the tag was not good, in order (s): a value lasts no longer than until the next of them.
 pub fn are_measured(samples: &[Sample], none: &[f64], limits: Option<Limits>, lost: &[f64]) -> Vec<bool> {
     let is_none = |s: &Sample| none.contains(&s.value);
     let Some(limits) = limits.filter(|_| !none.is_empty()) else {

@@ -1,11 +1,11 @@
-//! The span of OP, from closed to open: as it is given, or as limits, unit and values tell it.
+//! The span of OP, from closed to open: as configured, or derived from OP's limits, unit or values. Numbers in sentences.
 
 use super::{LARGEST_VALUE, Record, Sample, outages};
 
-/// Where the span of OP is known from.
+/// The source of the span of OP.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SpanSource {
-    /// Somebody said it.
+    /// It is configured, or given by the user.
     Given,
     /// From the controller's output limits.
     Limits,
@@ -30,7 +30,7 @@ impl SpanSource {
         }
     }
 
-    /// From what a report wrote; what is no source is unknown.
+    /// The source that a report has written; unknown for any other name.
     pub fn from_name(name: &str) -> Self {
         let all = [SpanSource::Given, SpanSource::Limits, SpanSource::Unit, SpanSource::Values];
         all.into_iter().find(|source| source.as_str() == name).unwrap_or_default()
@@ -60,7 +60,7 @@ pub fn span_of_unit(unit: &str) -> Option<f64> {
     }
 }
 
-/// How wide a range is that stands where a unit does: `0-27648`, `0...100`.
+/// The width of a range that is written in place of a unit: `0-27648`, `0...100`.
 fn span_of_range(unit: &str) -> Option<f64> {
     // A sign at the beginning is that of the lower end.
     let behind = unit.get(1..)?;
@@ -71,21 +71,21 @@ fn span_of_range(unit: &str) -> Option<f64> {
     (high > low).then_some(high - low)
 }
 
-/// Units of an output that say what it is and not how far it goes.
+/// Units of a physical quantity: they do not tell the span.
 const PHYSICAL: [&str; 32] = [
     "v", "vdc", "mv", "mm", "cm", "m", "in", "hz", "rpm", "1/min", "bar", "mbar", "barg", "kpa", "mpa", "pa",
     "psi", "psig", "kg/cm2", "m3/h", "l/h", "l/min", "l/s", "gpm", "kg/h", "kg/s", "t/h", "deg", "°", "kw",
     "degc", "°c",
 ];
 
-/// Whether a unit tells that values are no share of a span.
+/// Whether a unit is that of a physical quantity, so that its values are no share of a span.
 fn is_physical(unit: &str) -> bool {
     PHYSICAL.contains(&unit.trim().to_lowercase().as_str())
 }
 
-/// The usual span that limits are written for: as wide and beginning near its zero, or beyond both of its ends. Limits that are
-/// as wide by chance say nothing: `[40, 56]` in per cent is no 4 to 20 mA.
-fn usual((low, high): (f64, f64)) -> Option<f64> {
+/// The usual span that output limits belong to. They are as wide as the span and begin near its zero, or they reach beyond both of its
+/// ends. Limits that are as wide by chance belong to none: `[40, 56]` in per cent is not 4 to 20 mA.
+fn usual_span((low, high): (f64, f64)) -> Option<f64> {
     let fits = |(zero, span): &(f64, f64)| {
         let (below, above) = ((zero - low) / span, (high - zero - span) / span);
         let beyond = |share: f64| (1e-6..=OVERTRAVEL).contains(&share);
@@ -95,38 +95,38 @@ fn usual((low, high): (f64, f64)) -> Option<f64> {
     USUAL.into_iter().find(fits).map(|(_, span)| span)
 }
 
-/// Signals whose values tell them: least and most value, and the span. Values of 4 to 20 could be mA and per cent alike.
+/// Signals that are recognised by their values: least and largest value, and the span. Values of 4 to 20 may be mA or per cent.
 const SIGNALS: [(f64, f64, f64); 3] = [(0.0038, 0.0205, 0.016), (-0.05, 1.05, 1.0), (-5.0, 110.0, 100.0)];
 /// Values that may be mA, or per cent of a valve that is nearly closed.
-pub const MILLIAMPERES: (f64, f64) = (3.8, 20.5);
-/// Spans of OP that are believed; beyond them nothing can be told in per cent.
+const MILLIAMPERES: (f64, f64) = (3.8, 20.5);
+/// Spans of OP that can be computed with.
 const SPANS: std::ops::RangeInclusive<f64> = 1e-30..=1e30;
-/// Zero and span that limits are written for.
+/// The usual spans: their zero, and their width.
 const USUAL: [(f64, f64); 4] = [(0.0, 1.0), (4.0, 16.0), (0.004, 0.016), (0.0, 100.0)];
-/// Output limits may reach beyond the span by this share of it to each side: a valve is closed tightly at -5 %.
+/// Share of the span by which output limits may reach beyond it on each side: -5 % closes a valve tightly.
 const OVERTRAVEL: f64 = 0.15;
 
 impl Scale<'_> {
-    /// The span of OP, and where it is known from; `op` may be empty.
+    /// The span of OP (OP unit), with its source. `op`: samples of OP; may be empty.
     pub fn span(&self, op: &[Sample]) -> (Option<f64>, SpanSource) {
         let limits = self.limits.map(|(low, high)| high - low).filter(|span| *span > 0.0);
         let unit = self.unit.and_then(span_of_unit);
-        let usual = self.limits.and_then(usual);
+        let usual = self.limits.and_then(usual_span);
         let told = [(self.given, SpanSource::Given), (usual, SpanSource::Limits), (unit, SpanSource::Unit)];
         for (span, source) in told.into_iter().chain([(limits, SpanSource::Limits)]) {
             if span.is_some() {
                 return (span, source);
             }
         }
-        // Values of 20 to 100 kPa are no per cent.
+        // Values of 20 to 100 kPa are not per cent.
         let physical = self.unit.is_some_and(is_physical);
-        match of_values(op).filter(|_| !physical) {
+        match span_of_values(op).filter(|_| !physical) {
             Some(span) => (Some(span), SpanSource::Values),
             None => (None, SpanSource::Unknown),
         }
     }
 
-    /// What contradicts what: a message for who gave it.
+    /// A message where given span, limits, unit and values contradict each other: what does, and what to write.
     pub fn contradiction(&self, op: &[Sample]) -> Option<String> {
         let limits = self.limits.filter(|(low, high)| low < high);
         let Some(span) = self.given.filter(|span| span.is_finite() && *span > 0.0) else {
@@ -134,14 +134,14 @@ impl Scale<'_> {
         };
         if let Some((low, high)) = limits {
             let wide = high - low;
-            if apart(wide, span) {
+            if contradict(wide, span) {
                 return Some(format!(
                     "op_span = {span} and op_limits = [{low}, {high}] contradict each other: the limits are {wide} apart: \
                      write op_span = {wide}, or correct op_limits; both are in OP's own unit"
                 ));
             }
         }
-        // What is given decides where the values fit no unit.
+        // The given span decides where the values do not fit the unit.
         if let Some((unit, own)) = self.unit.and_then(|unit| Some((unit, span_of_unit(unit)?)))
             && (own > 4.0 * span || span > 4.0 * own)
             && fits(own, op)
@@ -157,16 +157,16 @@ impl Scale<'_> {
             .then(|| format!("op_span = {span} contradicts the record: OP goes from {least} to {most}"))
     }
 
-    /// What contradicts OP's unit where no span is given.
+    /// A message where limits or values contradict OP's unit, and no span is given.
     fn unit_contradicted(&self, limits: Option<(f64, f64)>, op: &[Sample]) -> Option<String> {
         let unit = self.unit?;
         let own = span_of_unit(unit)?;
-        let of_limits = limits.and_then(usual);
+        let of_limits = limits.and_then(usual_span);
         // [4, 20] in per cent: milliamperes, or a controller that keeps OP from both of its ends. Limits beyond the unit's span
         // are right where the unit cannot be.
         let other = |(low, high): &(f64, f64)| match of_limits {
             Some(span) => span < own && *low > 0.0 && (low - 0.25 * span).abs() <= OVERTRAVEL * span,
-            None => apart(high - low, own),
+            None => contradict(high - low, own),
         };
         if let Some((low, high)) = limits.filter(other) {
             return Some(format!(
@@ -181,7 +181,7 @@ impl Scale<'_> {
         let (least, most) = extent(op).filter(|_| !fits(own, op))?;
         // Values far beyond the unit's span cannot be in it, those within a smaller one may.
         let own_may = (most.max(-least) <= 1.5 * own).then_some(own);
-        let spans = of_values(op).filter(|other| *other != own).into_iter().chain(own_may);
+        let spans = span_of_values(op).filter(|other| *other != own).into_iter().chain(own_may);
         let spans: Vec<String> = spans.map(|span| format!("op_span = {span}")).collect();
         let say = if spans.is_empty() {
             "op_span = N, its span from closed to open".into()
@@ -195,14 +195,14 @@ impl Scale<'_> {
     }
 }
 
-/// Whether limits so wide are none of a controller with this span: they may be narrower, but not by so much.
-fn apart(wide: f64, span: f64) -> bool {
+/// Whether limits of this width contradict a span: they may be narrower than it, but not by a factor of 20.
+fn contradict(wide: f64, span: f64) -> bool {
     const NARROWER: f64 = 20.0;
     wide > (1.01 + 2.0 * OVERTRAVEL) * span || wide * NARROWER < span
 }
 
-/// Whether values can be those of a unit with this span: none is far beyond its end, and they are not all within a signal of a
-/// much smaller span.
+/// Whether values can have a unit with this span: none of them is far beyond its ends, and they are not all within a signal of a much
+/// smaller span.
 fn fits(span: f64, op: &[Sample]) -> bool {
     let Some((least, most)) = extent(op) else { return true };
     // A zero that is lifted by a quarter of the span lies within.
@@ -212,7 +212,7 @@ fn fits(span: f64, op: &[Sample]) -> bool {
 }
 
 impl Record {
-    /// Finds the span of OP where it is not known yet, from what was given, OP's limits, its unit and its values.
+    /// Sets the span of OP where it is not known yet, from a given span, OP's limits, its unit and its values.
     pub fn find_span(&mut self, given: Option<f64>, unit: Option<&str>) {
         if self.op_span.is_none() {
             let scale = Scale { given, limits: self.op_limits, unit };
@@ -226,8 +226,7 @@ impl Record {
     }
 }
 
-/// The span that a threshold in per cent is of: the known one, else what OP covered, for the span is at least as large
-/// (OP unit).
+/// The span to which a threshold in per cent refers (OP unit): the known one, otherwise the range of OP, which is no larger.
 pub fn span_at_least(known: Option<f64>, op: &[f64]) -> f64 {
     known.unwrap_or_else(|| {
         let finite = op.iter().copied().filter(|u| u.is_finite());
@@ -236,14 +235,14 @@ pub fn span_at_least(known: Option<f64>, op: &[f64]) -> f64 {
     })
 }
 
-/// A number in a sentence, in whatever unit: three decimals, and more where three figures need them.
+/// A number in a sentence: three decimals, and more where three significant figures need them.
 pub fn told(value: f64) -> String {
     let size = value.abs();
     let decimals = if size > 0.0 && size < 0.1 { (2.0 - size.log10().floor()).min(12.0) as usize } else { 3 };
     format!("{value:.decimals$}")
 }
 
-/// A distance along OP (OP unit) as sentences say it: in per cent of the span where that is known.
+/// A distance along OP (OP unit) in a sentence: in per cent of the span where that is known.
 pub fn along_op(distance: f64, span: Option<f64>) -> String {
     match span {
         Some(span) => format!("{} % OP", told(100.0 * distance / span)),
@@ -251,7 +250,7 @@ pub fn along_op(distance: f64, span: Option<f64>) -> String {
     }
 }
 
-/// A time or a size as sentences say it: four significant digits, without trailing zeros.
+/// A time or a size in a sentence: four significant digits, without trailing zeros.
 pub fn figures(value: f64) -> String {
     if value != 0.0 && !(1e-4..1e9).contains(&value.abs()) {
         return format!("{value:.3e}");
@@ -261,7 +260,7 @@ pub fn figures(value: f64) -> String {
     trimmed(format!("{value:.decimals$}"))
 }
 
-/// Without trailing zeros.
+/// A number without trailing zeros.
 pub fn trimmed(text: String) -> String {
     match text.contains('.') {
         true => text.trim_end_matches('0').trim_end_matches('.').to_string(),
@@ -269,7 +268,7 @@ pub fn trimmed(text: String) -> String {
     }
 }
 
-/// Least and most of the good values that are measurements; `None` where there is none.
+/// The least and the largest of the good values that are measurements; `None` where there is none.
 fn extent(op: &[Sample]) -> Option<(f64, f64)> {
     let is_good = |s: &&Sample| s.quality.is_good() && s.value.is_finite() && s.value.abs() < LARGEST_VALUE;
     let good: Vec<Sample> = op.iter().filter(is_good).copied().collect();
@@ -283,10 +282,11 @@ fn extent(op: &[Sample]) -> Option<(f64, f64)> {
     )
 }
 
-fn of_values(op: &[Sample]) -> Option<f64> {
+/// The span that values tell (OP unit); `None` where they may be of several signals, or of none.
+fn span_of_values(op: &[Sample]) -> Option<f64> {
     let (least, most) = extent(op)?;
     let within = |(low, high): (f64, f64)| low <= least && most <= high;
-    // Zero alone is no signal, and one that goes far below zero is a deviation from something.
+    // Zeros alone tell nothing, and values far below zero are deviations from a working point.
     if most <= 0.0 || -least > 0.1 * most || within(MILLIAMPERES) {
         return None;
     }

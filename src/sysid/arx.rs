@@ -1,11 +1,12 @@
-//! The one high-order ARX: what every search is screened and ranked by.
+//! The high-order ARX. It ranks hypotheses in every search, before an ARMAX is fitted to the best of them.
 //!
 //! ```text
 //! y[k] = sum_{i=1}^{16} a_i y[k-i] + sum_{j=1}^{14} b_j x[k-j] + c + sum_m gamma_m phi_m[k] + e[k]
 //! ```
 //!
-//! `x` is the stem, `phi` the shapes of effects. Its orders leave no dynamics of a loop unexplained, so that two
-//! hypotheses differ by their stems and shapes alone; and it is linear, so that nothing about it is searched.
+//! `y` is PV, `x` the stem, `phi` the shapes of effects; all are normalised.
+//! Its orders are high enough for the dynamics of any loop, so that two hypotheses differ by their stems and shapes alone.
+//! It is linear in its coefficients, so that least squares gives them at once.
 //!
 //! Source: Ljung, System Identification, 1999, sections 4.2 and 7.6 (Student-t weights).
 
@@ -16,55 +17,59 @@ use super::student;
 use std::cell::OnceCell;
 use std::ops::Range;
 
-/// Lags of y.
+/// Number of lags of y, from 1 on.
 pub const LAGS_Y: usize = 16;
-/// Lags of x, from 1 on.
+/// Number of lags of x, from 1 on.
 pub const LAGS_X: usize = 14;
 /// Passes of reweighted least squares.
 const PASSES: usize = 3;
 /// Smallest mean square relative to PV's: below it rounding decides.
 const LOSS_FLOOR: f64 = 1e-13;
 
-/// The regression without its stem: lags of y, 1 and shapes.
+/// The regression of one PV with given shapes, to which any stem can be added.
 pub struct Arx<'a> {
+    /// Rows that are fitted.
     rows: Range<usize>,
     y: &'a [f64],
     weight: &'a [f64],
     shapes: &'a [Vec<f64>],
     ones: Vec<f64>,
-    plain: bool,
+    /// Whether every weight is 0 or 1.
+    is_unweighted: bool,
     /// Rows that do not count.
     left_out: Vec<usize>,
     /// Least scale of the errors.
     least: f64,
-    /// What all stems share, once it is asked for.
-    shared: OnceCell<Shared>,
+    /// The normal equations without x, once they are needed.
+    without_stem: OnceCell<WithoutStem>,
 }
 
-/// The normal equations without x, of the rows that count.
-struct Shared {
-    /// Gram matrix, factored.
+/// The normal equations of the columns without x, of the rows that count.
+struct WithoutStem {
+    /// Cholesky factor of the Gram matrix.
     gram: Vec<f64>,
+    /// Which columns do not depend on those before them.
     live: [bool; MOST_COLUMNS],
+    /// Products of the columns with y.
     right: Vec<f64>,
-    /// Of PV.
+    /// Sum of squares of y.
     power: f64,
 }
 
 /// A fit with Student-t errors.
 #[derive(Clone, Debug, Default)]
 pub struct ArxFit {
-    /// Coefficients: of the lags of y, 1, the shapes, the lags of x.
+    /// Coefficients, in this order: of the lags of y, of 1, of the shapes, of the lags of x.
     pub theta: Vec<f64>,
-    /// Errors of the fitted rows.
+    /// Prediction errors of the fitted rows (standard deviations of PV).
     pub e: Vec<f64>,
-    /// Weights of the equivalent least squares.
+    /// Weights omega of the equivalent least squares (-).
     pub omega: Vec<f64>,
-    /// Scale of the errors.
+    /// Scale s of the errors (standard deviations of PV).
     pub scale: f64,
-    /// Their degrees of freedom (-).
+    /// Degrees of freedom nu of the errors (-).
     pub nu: f64,
-    /// Log-likelihood.
+    /// Log-likelihood of the fitted rows.
     pub log_likelihood: f64,
 }
 
@@ -76,21 +81,21 @@ impl ArxFit {
 }
 
 impl<'a> Arx<'a> {
-    /// For PV `y` with these shapes.
+    /// The regression of PV `y` (normalised) with these shapes of effects; those beyond [`MOST_COLUMNS`] columns are left out.
     pub fn new(data: &'a IdData, y: &'a [f64], shapes: &'a [Vec<f64>]) -> Self {
         let rows = data.rows();
         let weight = &data.weight[rows.clone()];
         let ones = vec![1.0; rows.len()];
         let shapes = &shapes[..shapes.len().min(MOST_COLUMNS - LAGS_Y - LAGS_X - 1)];
-        let plain = weight.iter().all(|w| *w == 1.0 || *w == 0.0);
+        let is_unweighted = weight.iter().all(|w| *w == 1.0 || *w == 0.0);
         let left_out = (rows.clone()).filter(|k| data.weight[*k] == 0.0).collect();
-        let shared = OnceCell::new();
-        Self { y, weight, shapes, ones, plain, left_out, least: data.least_scale, rows, shared }
+        let (least, without_stem) = (data.least_scale, OnceCell::new());
+        Self { y, weight, shapes, ones, is_unweighted, left_out, least, rows, without_stem }
     }
 
-    fn shared(&self) -> &Shared {
-        self.shared.get_or_init(|| {
-            let columns = self.fixed();
+    fn without_stem(&self) -> &WithoutStem {
+        self.without_stem.get_or_init(|| {
+            let columns = self.columns_without_stem();
             let (target, size) = (&self.y[self.rows.clone()], columns.len());
             let (mut gram, mut right) = (vec![0.0; size * size], vec![0.0; size]);
             lower(&columns, &mut gram, size);
@@ -107,12 +112,12 @@ impl<'a> Arx<'a> {
             }
             let mut live = [true; MOST_COLUMNS];
             factor(&mut gram, size, size, &mut live);
-            Shared { gram, live, right, power }
+            WithoutStem { gram, live, right, power }
         })
     }
 
-    /// The columns without x.
-    fn fixed(&self) -> Vec<&[f64]> {
+    /// The columns without x: lags of y, 1, shapes.
+    fn columns_without_stem(&self) -> Vec<&[f64]> {
         let Range { start, end } = self.rows;
         let mut columns: Vec<&[f64]> = (1..=LAGS_Y).map(|lag| &self.y[start - lag..end - lag]).collect();
         columns.push(&self.ones);
@@ -120,46 +125,62 @@ impl<'a> Arx<'a> {
         columns
     }
 
-    /// All columns with the stem `x`.
+    /// All columns with the stem `x`, one value for each fitted row, in the order of [`ArxFit::theta`].
     pub fn columns<'b>(&'b self, x: &'b [f64]) -> Vec<&'b [f64]> {
         let Range { start, end } = self.rows;
-        let mut columns = self.fixed();
+        let mut columns = self.columns_without_stem();
         columns.extend((1..=LAGS_X).map(|lag| &x[start - lag..end - lag]));
         columns
     }
 
-    /// Twice the Gaussian log-likelihood lost with the stem `x`: `N ln V`, all rows that count of one weight.
+    /// The Gaussian deviance with the stem `x`, `N ln V`: -2 ln L but for a constant. V is the mean square of the residual, with
+    /// all rows that count of one weight. Where weights differ it is -2 ln L of Student's t ([`Arx::fit`]).
     pub fn deviance(&self, x: &[f64]) -> f64 {
         let n = (self.rows.len() - self.left_out.len()) as f64;
-        if !self.plain {
+        if !self.is_unweighted {
             return -2.0 * self.fit(x, None).log_likelihood;
         }
-        n * ((self.shared().power - self.explained(x)).max(0.0) / n + LOSS_FLOOR).ln()
+        n * ((self.without_stem().power - self.explained(x)).max(0.0) / n + LOSS_FLOOR).ln()
     }
 
-    /// The part of PV's power that the regression with `x` explains; neighbouring lags share all but two of their terms.
+    /// The part of the sum of squares of y that the regression with the stem `x` explains: `right' theta`.
     fn explained(&self, x: &[f64]) -> f64 {
-        let Range { start: from, end: to } = self.rows;
-        let shared = self.shared();
-        let fixed = shared.right.len();
+        let without = self.without_stem();
+        let fixed = without.right.len();
         let size = fixed + LAGS_X;
         let mut g = vec![0.0; size * size];
         for i in 0..fixed {
-            g[i * size..i * size + i + 1].copy_from_slice(&shared.gram[i * fixed..][..i + 1]);
+            g[i * size..i * size + i + 1].copy_from_slice(&without.gram[i * fixed..][..i + 1]);
         }
-        let mut right = shared.right.clone();
+        let mut right = without.right.clone();
         right.resize(size, 0.0);
-        let (y, on) = (self.y, LAGS_Y + 1);
-        let late: Vec<&[f64]> = (1..=LAGS_X).map(|lag| &x[from - lag..to - lag]).collect();
-        let mut others: Vec<&[f64]> = vec![&y[from..to], late[0]];
+        self.multiply_stem(x, &mut g, &mut right);
+        self.subtract_left_out(x, &mut g, &mut right);
+        let mut live = without.live;
+        factor_rows(&mut g, size, fixed..size, &mut live);
+        let mut theta = right.clone();
+        substitute(&g, size, &live, &mut theta);
+        dot(&right, &theta)
+    }
+
+    /// Puts the products of the lags of x into the last rows of the Gram matrix `g` and of `right`.
+    ///
+    /// The products of one lag differ from those of the lag before by two terms: a sample enters at the start and one leaves at
+    /// the end.
+    fn multiply_stem(&self, x: &[f64], g: &mut [f64], right: &mut [f64]) {
+        let Range { start: from, end: to } = self.rows;
+        let (size, fixed) = (right.len(), right.len() - LAGS_X);
+        let (y, shapes_at) = (self.y, LAGS_Y + 1);
+        let lagged: Vec<&[f64]> = (1..=LAGS_X).map(|lag| &x[from - lag..to - lag]).collect();
+        let mut others: Vec<&[f64]> = vec![&y[from..to], lagged[0]];
         others.extend(self.shapes.iter().map(|shape| &shape[from..to]));
-        products(&late, &others, |i, j, sum| match j {
+        products(&lagged, &others, |i, j, sum| match j {
             0 => right[fixed + i] = sum,
             1 => g[(fixed + i) * size + fixed] = sum,
-            _ => g[(fixed + i) * size + on + j - 2] = sum,
+            _ => g[(fixed + i) * size + shapes_at + j - 2] = sum,
         });
-        let once = self.fixed();
-        products(&late[..1], &once[..on], |_, j, sum| g[fixed * size + j] = sum);
+        let without = self.columns_without_stem();
+        products(&lagged[..1], &without[..shapes_at], |_, j, sum| g[fixed * size + j] = sum);
         for i in 1..LAGS_X {
             let (row, lag) = ((fixed + i) * size, i + 1);
             let [enters, leaves] = [from, to].map(|k| x[k - lag]);
@@ -173,6 +194,12 @@ impl<'a> Arx<'a> {
                     g[row - size + fixed + j - 1] + enters * x[from - j - 1] - leaves * x[to - j - 1];
             }
         }
+    }
+
+    /// Takes the rows that do not count out of what [`Arx::multiply_stem`] computed.
+    fn subtract_left_out(&self, x: &[f64], g: &mut [f64], right: &mut [f64]) {
+        let (size, fixed) = (right.len(), right.len() - LAGS_X);
+        let (y, shapes_at) = (self.y, LAGS_Y + 1);
         for &k in &self.left_out {
             for i in 0..LAGS_X {
                 let (row, value) = ((fixed + i) * size, x[k - i - 1]);
@@ -182,21 +209,18 @@ impl<'a> Arx<'a> {
                 }
                 g[row + LAGS_Y] -= value;
                 for (j, shape) in self.shapes.iter().enumerate() {
-                    g[row + on + j] -= value * shape[k];
+                    g[row + shapes_at + j] -= value * shape[k];
                 }
                 for j in 0..=i {
                     g[row + fixed + j] -= value * x[k - j - 1];
                 }
             }
         }
-        let mut live = shared.live;
-        factor_rows(&mut g, size, fixed..size, &mut live);
-        let mut theta = right.clone();
-        substitute(&g, size, &live, &mut theta);
-        dot(&right, &theta)
     }
 
-    /// Fitted with Student-t errors; `near`: a fit whose weights are nearly right.
+    /// The fit with the stem `x` and Student-t errors, by iteratively reweighted least squares.
+    ///
+    /// * `near`: a fit of a similar model; its weights save a pass.
     pub fn fit(&self, x: &[f64], near: Option<&ArxFit>) -> ArxFit {
         let columns = self.columns(x);
         let target = &self.y[self.rows.clone()];
@@ -207,8 +231,8 @@ impl<'a> Arx<'a> {
         let mut scratch = vec![0.0; (columns.len() + 1) * n];
         for _ in 0..if near.is_some() { PASSES - 1 } else { PASSES } {
             self.weighted(&columns, target, &omega, &mut scratch, &mut found);
-            let guess = student::first_scale(&found.e, self.weight);
-            let guess = if found.scale > 0.0 { found.scale } else { guess };
+            let guess =
+                if found.scale > 0.0 { found.scale } else { student::first_scale(&found.e, self.weight) };
             (found.scale, found.nu, found.log_likelihood) =
                 student::tails(&found.e, self.weight, (guess, found.nu), self.least);
             student::reweigh(&found.e, self.weight, (found.scale, found.nu), &mut omega);
@@ -217,7 +241,9 @@ impl<'a> Arx<'a> {
         found
     }
 
-    /// One weighted least squares.
+    /// One weighted least squares: minimises `sum omega e^2`, and puts theta and e into `found`.
+    ///
+    /// * `scratch`: room for all columns and y.
     fn weighted(
         &self,
         columns: &[&[f64]],
@@ -251,7 +277,7 @@ impl<'a> Arx<'a> {
     }
 }
 
-/// Elementwise product.
+/// `to[k] = a[k] b[k]`.
 #[multiversion::multiversion(targets("x86_64+avx2"))]
 fn multiply(to: &mut [f64], a: &[f64], b: &[f64]) {
     to.iter_mut().zip(a).zip(b).for_each(|((to, a), b)| *to = a * b);

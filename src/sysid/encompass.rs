@@ -1,50 +1,52 @@
-//! Whether PV follows a stem or OP itself: the encompassing regression, in which both act side by side.
+//! Whether PV follows a stem or OP itself: an encompassing regression, in which both are inputs.
 //!
 //! ```text
 //! y[k] = c + sum a_i y[k-i] + sum b_i p[k-i] + sum d_i u[k-i] + w[k]
 //! ```
 //!
-//! `p` is the stem of the one-parameter element, `u` is OP. Where a valve sticks, PV follows the stem, and OP beside it adds little.
-//! Where a load jumps in a sound loop, a stem predicts PV better than OP does as well, because it ignores what noise does to OP and
-//! keeps what a jump does. But then PV follows OP inside the dead band, too: beside OP, `sum b_i` turns round, as if PV moved against
-//! the stem. Where the load hides what the valve does, PV is not seen to follow the stem either way: with OP in the equation or
-//! without, `sum b_i` is no more than chance.
+//! `p` is the stem of the one-parameter element, `u` is OP. The t value of `sum b_i` decides, with `u` in the equation and without:
+//!
+//! * **The valve sticks.** PV follows the stem, and OP beside it adds little: t is positive.
+//! * **The valve is sound and a load jumps.** A stem predicts PV better than OP does here, too: it ignores the noise of OP and
+//!   keeps the jumps. But PV also follows OP inside the dead band. So beside OP, t is negative, as if PV moved against the stem.
+//! * **Loads hide the valve.** t is no larger than by chance, in both equations.
 //!
 //! Source: Davidson & MacKinnon, Econometrica 1981, 49, 781; Mizon & Richard, Econometrica 1986, 54, 657.
 
 use super::ols::Ols;
 use std::ops::Range;
 
-/// Lags of PV.
+/// Number of lags of PV.
 const LAGS_Y: usize = 8;
 /// One-sided 5 % point of the normal distribution.
 const ONE_SIDED: f64 = 1.645;
 
-/// t of the stem's summed coefficients, positive where PV follows the stem as it should: as negative feedback has it, or, where the
-/// controller does not tell, as it does without OP in the equation.
+/// The t values of the regression. They are positive where the gain from the stem to PV has the sign that makes feedback negative.
+/// Where that sign is not known, it is the sign of `sum b_i` without OP in the equation.
 #[derive(Clone, Copy, Debug)]
 pub struct Response {
-    /// Without OP in the equation.
+    /// t of `sum b_i` without OP in the equation (-).
     pub alone: f64,
-    /// Beside OP.
+    /// t of `sum b_i` with OP in the equation (-).
     pub beside: f64,
-    /// t of the summed coefficients of `u` beside the stem.
+    /// t of `sum d_i`, of `u` beside the stem (-).
     pub other: f64,
 }
 
 impl Response {
-    /// Whether PV is seen to follow the stem, in either equation.
+    /// Whether PV follows the stem significantly, in either equation.
     pub fn is_seen(&self) -> bool {
         self.alone.max(self.beside) >= ONE_SIDED
     }
 
-    /// Whether PV is seen to follow `u` beside the stem.
+    /// Whether PV follows `u` significantly beside the stem.
     pub fn is_seen_of_other(&self) -> bool {
         self.other >= ONE_SIDED
     }
 
-    /// Whether PV moves against the stem beside OP. The regression is linear: a gain that depends on OP or PV turns the sum
-    /// round as well.
+    /// Whether PV moves against the stem significantly, with OP in the equation.
+    ///
+    /// The regression is linear. A gain that depends on OP or PV may reverse the sign as well.
     pub fn is_reversed(&self) -> bool {
         self.beside < -ONE_SIDED
     }
@@ -54,24 +56,24 @@ impl Response {
 pub struct Encompassing<'a> {
     /// PV.
     pub y: &'a [f64],
-    /// What competes with the stem: OP, or the part of the stem that a stop keeps back (unit of OP).
+    /// The input that competes with the stem: OP, or the part of the stem that a stop holds back (unit of OP).
     pub u: &'a [f64],
     /// The stem as it arrives at the process (unit of OP).
     pub p: &'a [f64],
-    /// What else acts on PV, as it enters the equation of its sample.
+    /// Further columns, such as loads, one value for each sample.
     pub extra: &'a [Vec<f64>],
     /// Lags of `u` and of the stem.
     pub lags: usize,
-    /// Samples that are fitted, from the longest lag on.
+    /// Samples that are fitted; those before the longest lag are left out.
     pub rows: Range<usize>,
     /// Whether a sample counts.
     pub counts: &'a [bool],
-    /// Sign of the process gain, where the controller tells it.
+    /// Sign of the process gain, +1 or -1, where it is known ([`super::gain_sign`]).
     pub gain_sign: Option<f64>,
 }
 
 impl Encompassing<'_> {
-    /// How sure the stem's summed coefficients are, without OP and beside it; `None` where there are too few samples.
+    /// The t values; `None` where there are no more samples than columns.
     pub fn response(&self) -> Option<Response> {
         let known = 1 + LAGS_Y + self.extra.len();
         let first = self.rows.start.max(LAGS_Y.max(self.lags));

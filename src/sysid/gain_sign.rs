@@ -1,12 +1,13 @@
-//! Which way the controller acts, and so which sign the process gain has: feedback is negative, or the loop would run away.
+//! The sign of the process gain, from the way the controller acts: feedback is negative, or the loop would run away.
 //!
 //! ```text
 //! u[k] - u[k-1] = c + sum_{i=0}^{2} g_i y[k-i] + sum_{i=0}^{2} r_i sp[k-i] + e[k]
 //! ```
 //!
-//! A PI or PID controller in velocity form. `g_0` is its proportional action (with the derivative), `sum g_i` its integral action.
-//! The gain's sign is minus theirs. It is told only where both are significant and of one sign, and the equation explains OP's
-//! changes.
+//! This is a PI or PID controller in velocity form, fitted to the rows at which OP moves.
+//! `g_0` is its proportional action (with the derivative), `sum g_i` its integral action.
+//! The sign of the process gain is the opposite of theirs.
+//! It is known only where both are significant and of one sign, and the equation explains the changes of OP.
 
 use super::ols::Ols;
 
@@ -14,13 +15,16 @@ use super::ols::Ols;
 const LAGS: usize = 3;
 /// Two-sided 0.2 % point of the normal distribution: a smaller |t| may be chance.
 const SIGNIFICANT: f64 = 3.09;
-/// Share of the variance of OP's changes that the equation leaves at most: a rule beside the controller (a feed-forward, another
-/// loop) or a wrong clock leaves more.
+/// Largest share of the variance of OP's changes that the equation may leave: a feed-forward, another loop or a wrong clock leaves
+/// more.
 const LEAVES: f64 = 0.1;
-/// Fewest samples at which OP moves, from which the controller is told.
+/// Fewest rows at which OP moves.
 const LEAST_ROWS: usize = 50;
 
-/// Sign of the process gain (+1, -1) that makes the controller's feedback negative; `None` where the controller does not show.
+/// The sign of the process gain (+1 or -1) with which the controller's feedback is negative; `None` where it is not known.
+///
+/// * `u`, `y`, `sp`: OP, PV and set point, one value for each row, in any units.
+/// * `counts`: whether a row counts; the equation uses a row where it and the two before it count.
 pub fn gain_sign(u: &[f64], y: &[f64], sp: Option<&[f64]>, counts: impl Fn(usize) -> bool) -> Option<f64> {
     let moves = |k: &usize| u[*k] != u[k - 1];
     let whole = |k: &usize| (k + 1 - LAGS..=*k).all(&counts);

@@ -1,53 +1,73 @@
-//! Products of many columns with many: what least squares on a window spends its time on.
+//! Gram matrices: the products of all columns of a regression. Least squares on a window spends most of its time on them.
 //!
 //! ```text
 //! g[i][j] = sum over rows k of c_i[k] c_j[k],   c_i[k] = v_i[k - lag_i]
 //! ```
 //!
-//! One product alone waits for its two columns to be loaded; eight side by side load six for eight. And neighbours that are
-//! one signal a sample later share all but two of their terms.
+//! * Eight products are summed side by side, because one alone waits for its two columns to be loaded from memory.
+//! * Where two columns are the ones before them, a sample later, their product differs from that of those by two terms.
 
-use crate::sysid::least_squares::dot;
+use crate::sysid::least_squares::dot_long;
 use multiversion::multiversion;
 use std::ops::Range;
 
 /// Samples summed side by side for each product: the width of a vector register.
 const FOUR: usize = 4;
-/// How often before that is added to what was summed before: one long sum rounds so much that columns which depend on one another
-/// no longer seem to.
+/// Terms of a partial sum, before it is added to the whole: one long sum rounds so much that dependent columns seem independent.
 const RUN: usize = 128;
 
-/// Calls `put(i, j, sum a_i[k] b_j[k])` for all of both, of one length.
+/// Calls `put(i, j, sum over k of a_i[k] b_j[k])` for every column of `a` with every column of `b`; all have one length.
 pub fn products(a: &[&[f64]], b: &[&[f64]], mut put: impl FnMut(usize, usize, f64)) {
     let (fours, rest) = b.as_chunks::<4>();
-    let (pairs, odd) = a.as_chunks::<2>();
-    for (j, four) in fours.iter().enumerate() {
-        for (i, pair) in pairs.iter().enumerate() {
-            by_pair(pair, four, |r, c, sum| put(2 * i + r, 4 * j + c, sum));
-        }
-        for one in odd {
-            by_four(one, four, |c, sum| put(a.len() - 1, 4 * j + c, sum));
-        }
-    }
+    products_with_fours(a, fours, &mut put);
     let (fours, left) = a.as_chunks::<4>();
-    let (pairs, odd) = rest.as_chunks::<2>();
-    let j = b.len() - rest.len();
-    for (i, four) in fours.iter().enumerate() {
-        for (p, pair) in pairs.iter().enumerate() {
-            by_pair(pair, four, |c, r, sum| put(4 * i + r, j + 2 * p + c, sum));
-        }
-        for one in odd {
-            by_four(one, four, |r, sum| put(4 * i + r, b.len() - 1, sum));
-        }
-    }
-    for (i, other) in left.iter().enumerate() {
+    let (i, j) = (a.len() - left.len(), b.len() - rest.len());
+    products_with_fours(rest, fours, |r, c, sum| put(c, j + r, sum));
+    for (r, other) in left.iter().enumerate() {
         for (c, one) in rest.iter().enumerate() {
-            put(a.len() - left.len() + i, j + c, dot(other, one));
+            put(i + r, j + c, dot_long(other, one));
         }
     }
 }
 
-/// Adds two signals, each times a number.
+/// Calls `put(i, j, sum)` for every column of `a` with every column of `fours`.
+///
+/// One run of samples comes after the other, because a run of a few columns fits into the nearest cache, and columns do not.
+fn products_with_fours(a: &[&[f64]], fours: &[[&[f64]; 4]], mut put: impl FnMut(usize, usize, f64)) {
+    let (pairs, odd) = a.as_chunks::<2>();
+    let mut of_pairs = vec![[[[0.0; FOUR]; 4]; 2]; fours.len() * pairs.len()];
+    let mut of_odd = vec![[[0.0; FOUR]; 4]; fours.len() * odd.len()];
+    let n = a.first().map_or(0, |v| chunks(v).len());
+    for from in (0..n).step_by(RUN) {
+        let to = n.min(from + RUN);
+        for (j, four) in fours.iter().enumerate() {
+            let four = four.map(|v| &chunks(v)[from..to]);
+            for (i, pair) in pairs.iter().enumerate() {
+                let pair = pair.map(|v| &chunks(v)[from..to]);
+                two_by_four(pair, four, &mut of_pairs[j * pairs.len() + i]);
+            }
+            for one in odd {
+                one_by_four(&chunks(one)[from..to], four, &mut of_odd[j]);
+            }
+        }
+    }
+    for (j, four) in fours.iter().enumerate() {
+        for (i, pair) in pairs.iter().enumerate() {
+            for (r, sums) in of_pairs[j * pairs.len() + i].iter().enumerate() {
+                for (c, sums) in sums.iter().enumerate() {
+                    put(2 * i + r, 4 * j + c, sum_of_lanes(sums, pair[r], four[c]));
+                }
+            }
+        }
+        for one in odd {
+            for (c, sums) in of_odd[j].iter().enumerate() {
+                put(a.len() - 1, 4 * j + c, sum_of_lanes(sums, one, four[c]));
+            }
+        }
+    }
+}
+
+/// `to[k] += a v[k] + b w[k]`.
 #[multiversion(targets("x86_64+avx2"))]
 pub fn add_two(to: &mut [f64], (a, v): (f64, &[f64]), (b, w): (f64, &[f64])) {
     for ((to, v), w) in to.iter_mut().zip(v).zip(w) {
@@ -55,19 +75,19 @@ pub fn add_two(to: &mut [f64], (a, v): (f64, &[f64]), (b, w): (f64, &[f64])) {
     }
 }
 
-/// A column of a regression: a signal so many samples late.
+/// A column of a regression: a signal, `lag` samples late.
 #[derive(Clone, Copy)]
 pub struct Column<'a> {
     /// The signal from the window's first sample on.
     pub of: &'a [f64],
-    /// Samples late.
+    /// The lag (samples).
     pub lag: usize,
-    /// Whether it is the column before it, a sample later.
+    /// Whether it is the column before it, one sample later.
     pub next: bool,
 }
 
 impl<'a> Column<'a> {
-    /// A signal at some lags.
+    /// The columns of a signal at some lags.
     pub fn lags(of: &'a [f64], lags: impl IntoIterator<Item = usize>) -> impl Iterator<Item = Self> {
         let mut before = None;
         lags.into_iter().map(move |lag| {
@@ -77,18 +97,18 @@ impl<'a> Column<'a> {
         })
     }
 
-    /// A signal as it is.
+    /// The column of a signal without a lag.
     pub fn now(of: &'a [f64]) -> Self {
         Self { of, lag: 0, next: false }
     }
 
-    /// Its part in the rows.
+    /// Its values in these rows.
     pub fn rows(&self, rows: &Range<usize>) -> &'a [f64] {
         &self.of[rows.start - self.lag..rows.end - self.lag]
     }
 }
 
-/// The products of all columns in these rows into the lower triangle of `g`, its rows `stride` long.
+/// Puts the Gram matrix of the columns in these rows into the lower triangle of `g`, whose rows are `stride` long.
 pub fn gram(columns: &[Column<'_>], rows: &Range<usize>, g: &mut [f64], stride: usize) {
     let (nexts, firsts): (Vec<usize>, Vec<usize>) = (0..columns.len()).partition(|i| columns[*i].next);
     let of = |which: &[usize]| -> Vec<&[f64]> { which.iter().map(|i| columns[*i].rows(rows)).collect() };
@@ -107,7 +127,7 @@ pub fn gram(columns: &[Column<'_>], rows: &Range<usize>, g: &mut [f64], stride: 
     }
 }
 
-/// The products of all columns into the lower triangle of `g`, its rows `stride` long; what is above stays as it is.
+/// Puts the Gram matrix of the columns into the lower triangle of `g`, whose rows are `stride` long; the rest stays as it is.
 pub fn lower(columns: &[&[f64]], g: &mut [f64], stride: usize) {
     triangle(columns, |i, j, sum| g[i * stride + j] = sum);
 }
@@ -124,79 +144,60 @@ fn triangle(columns: &[&[f64]], mut put: impl FnMut(usize, usize, f64)) {
     }
 }
 
-fn by_pair(pair: &[&[f64]; 2], four: &[&[f64]; 4], mut put: impl FnMut(usize, usize, f64)) {
-    let mut sums = [[[0.0; FOUR]; 4]; 2];
-    two_by_four(pair.map(chunks), four.map(chunks), &mut sums);
-    for (r, sums) in sums.iter().enumerate() {
-        for (c, sums) in sums.iter().enumerate() {
-            put(r, c, whole(sums, pair[r], four[c]));
-        }
-    }
-}
-
-fn by_four(one: &[f64], four: &[&[f64]; 4], mut put: impl FnMut(usize, f64)) {
-    let mut sums = [[0.0; FOUR]; 4];
-    one_by_four(chunks(one), four.map(chunks), &mut sums);
-    for (c, sums) in sums.iter().enumerate() {
-        put(c, whole(sums, one, four[c]));
-    }
-}
-
-/// The whole product: what was summed side by side, and the samples that are left.
-fn whole([p, q, r, s]: &[f64; FOUR], a: &[f64], b: &[f64]) -> f64 {
+/// One product: the sums of its four lanes, and the samples that fill no vector.
+fn sum_of_lanes([p, q, r, s]: &[f64; FOUR], a: &[f64], b: &[f64]) -> f64 {
     let n = a.len().min(b.len());
     let from = n - n % FOUR;
     let left: f64 = a[from..n].iter().zip(&b[from..n]).map(|(a, b)| a * b).sum();
     (p + r) + (q + s) + left
 }
 
-/// What is taken so many samples at a time.
-fn chunks<const N: usize>(v: &[f64]) -> &[[f64; N]] {
+/// A column in chunks of [`FOUR`] samples; the samples that fill no chunk are left out.
+fn chunks(v: &[f64]) -> &[[f64; FOUR]] {
     v.as_chunks().0
 }
 
-/// Apart from what adds the sums up: seen together they are rearranged so that each step shuffles.
+/// Adds to `sums[r][c][l]` the products of the chunks of columns r and c in one run, lane by lane.
+///
+/// It is a function apart from [`sum_of_lanes`]: compiled together, each step of the loop would shuffle lanes.
 #[multiversion(targets("x86_64+avx2"))]
 fn two_by_four(a: [&[[f64; FOUR]]; 2], b: [&[[f64; FOUR]]; 4], sums: &mut [[[f64; FOUR]; 4]; 2]) {
     let n = a[0].len();
-    for from in (0..n).step_by(RUN) {
-        let to = n.min(from + RUN);
-        let (a, b) = (a.map(|v| &v[from..to]), b.map(|v| &v[from..to]));
-        let mut acc = [[[0.0; FOUR]; 4]; 2];
-        for k in 0..to - from {
-            for r in 0..2 {
-                for c in 0..4 {
-                    for l in 0..FOUR {
-                        acc[r][c][l] += a[r][k][l] * b[c][k][l];
-                    }
-                }
-            }
-        }
-        let all = sums.as_flattened_mut().as_flattened_mut();
-        all.iter_mut().zip(acc.as_flattened().as_flattened()).for_each(|(sum, part)| *sum += part);
-    }
-}
-
-#[multiversion(targets("x86_64+avx2"))]
-fn one_by_four(a: &[[f64; FOUR]], b: [&[[f64; FOUR]]; 4], sums: &mut [[f64; FOUR]; 4]) {
-    for from in (0..a.len()).step_by(RUN) {
-        let to = a.len().min(from + RUN);
-        let (a, b) = (&a[from..to], b.map(|v| &v[from..to]));
-        let mut acc = [[0.0; FOUR]; 4];
-        for k in 0..to - from {
+    let (a, b) = (a.map(|v| &v[..n]), b.map(|v| &v[..n]));
+    let mut acc = [[[0.0; FOUR]; 4]; 2];
+    for k in 0..n {
+        for r in 0..2 {
             for c in 0..4 {
                 for l in 0..FOUR {
-                    acc[c][l] += a[k][l] * b[c][k][l];
+                    acc[r][c][l] += a[r][k][l] * b[c][k][l];
                 }
             }
         }
-        sums.as_flattened_mut().iter_mut().zip(acc.as_flattened()).for_each(|(sum, part)| *sum += part);
     }
+    let all = sums.as_flattened_mut().as_flattened_mut();
+    all.iter_mut().zip(acc.as_flattened().as_flattened()).for_each(|(sum, part)| *sum += part);
+}
+
+/// The same for one column with four.
+#[multiversion(targets("x86_64+avx2"))]
+fn one_by_four(a: &[[f64; FOUR]], b: [&[[f64; FOUR]]; 4], sums: &mut [[f64; FOUR]; 4]) {
+    let n = a.len();
+    let b = b.map(|v| &v[..n]);
+    let mut acc = [[0.0; FOUR]; 4];
+    for k in 0..n {
+        for c in 0..4 {
+            for l in 0..FOUR {
+                acc[c][l] += a[k][l] * b[c][k][l];
+            }
+        }
+    }
+    sums.as_flattened_mut().iter_mut().zip(acc.as_flattened()).for_each(|(sum, part)| *sum += part);
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sysid::least_squares::dot;
     use rand::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
 
@@ -204,18 +205,35 @@ mod tests {
         StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(seed)).take(n).collect()
     }
 
+    /// The product as the kernels sum it, term by term: in lanes, run after run.
+    fn in_lanes(a: &[f64], b: &[f64]) -> f64 {
+        let whole = a.len() - a.len() % FOUR;
+        let mut sums = [0.0; FOUR];
+        for from in (0..whole).step_by(FOUR * RUN) {
+            let mut run = [0.0; FOUR];
+            (from..whole.min(from + FOUR * RUN)).for_each(|k| run[k % FOUR] += a[k] * b[k]);
+            (0..FOUR).for_each(|l| sums[l] += run[l]);
+        }
+        let left: f64 = (whole..a.len()).map(|k| a[k] * b[k]).sum();
+        (sums[0] + sums[2]) + (sums[1] + sums[3]) + left
+    }
+
     /// Every remainder of both sets, and of the samples.
     #[test]
     fn products_are_the_plain_sums() {
         let signals: Vec<Vec<f64>> = (0..11).map(|seed| signal(seed, 4 * FOUR * RUN)).collect();
-        for n in [0, 1, 2, 3, 103, FOUR * RUN, FOUR * RUN + 1, 3 * FOUR * RUN + 7] {
+        for n in [0, 1, 7, 8, 9, 17, 103, FOUR * RUN, FOUR * RUN + 1, 1534, 3 * FOUR * RUN + 7] {
             let of: Vec<&[f64]> = signals.iter().map(|v| &v[..n]).collect();
             for (p, q) in (0..=5).flat_map(|p| (0..=11).map(move |q| (p, q))) {
                 let mut found = vec![f64::NAN; p * q];
                 products(&of[..p], &of[..q], |i, j, sum| found[i * q + j] = sum);
                 for (at, found) in found.iter().enumerate() {
-                    let plain: f64 = of[at / q].iter().zip(of[at % q]).map(|(a, b)| a * b).sum();
+                    let (i, j) = (at / q, at % q);
+                    let plain: f64 = of[i].iter().zip(of[j]).map(|(a, b)| a * b).sum();
                     assert!((found - plain).abs() < 1e-10, "{n} {p} {q} {at}: {found} {plain}");
+                    let alone = i >= p - p % 4 && j >= q - q % 4;
+                    let same = if alone { dot(of[i], of[j]) } else { in_lanes(of[i], of[j]) };
+                    assert_eq!(found.to_bits(), same.to_bits(), "{n} {p} {q} {at}: {found} {same}");
                 }
             }
         }

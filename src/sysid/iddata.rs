@@ -1,50 +1,52 @@
 //! The record that a model is fitted on: one window, normalised, with a weight for each sample.
 
 use super::gain_sign::gain_sign;
+use super::least_squares::total;
 use super::stats::{mean, normalised, sd};
 use super::valve::{Start, largest_reversal};
 use crate::signal::{Row, Window, along_op};
 
-/// Longest lag of PV or the stem in any regression (samples); a tag may be later.
+/// Longest lag of PV or the stem in any regression (samples); another tag may have a longer one.
 pub const LONGEST_LAG: usize = 16;
-/// Rows before the first that is fitted: no lag reaches before the start of the stem, whose first samples are guessed.
+/// Rows between the start of the stem and the first fitted row: no lag reaches before that start, where the stem is a guess.
 const LEAD: usize = 2 * LONGEST_LAG;
-/// Share of the rows that is fitted on; the rest is read after a selection has ended, to reject effects and for the published errors.
+/// Share of the rows that is fitted; the rest is read after the selection has ended, to reject effects and for the published
+/// errors.
 pub const FITTED_SHARE: f64 = 0.8;
-/// Fewest rows that are fitted on.
+/// Fewest rows that are fitted.
 const LEAST_FITTED: usize = 120;
 
-/// A window as deviations from its means, in units of its standard deviations.
+/// A window, normalised: deviations from the means, in standard deviations.
 #[derive(Clone, Debug, Default)]
 pub struct IdData {
-    /// OP.
+    /// OP (standard deviations of OP).
     pub u: Vec<f64>,
-    /// PV.
+    /// PV (standard deviations of PV).
     pub y: Vec<f64>,
     /// 1 where PV counts, 0 where it is missing or doubtful.
     pub weight: Vec<f64>,
-    /// Where PV is right although its weight is 0: its prediction does not take its place.
+    /// Whether PV is right although its weight is 0; then its prediction does not take its place.
     pub known: Vec<bool>,
-    /// Set point, scaled as PV is.
+    /// Set point, normalised as PV is.
     pub sp: Option<Vec<f64>>,
-    /// Other tags by name, each normalised.
+    /// Other tags by name, each normalised by its own mean and standard deviation.
     pub tags: Vec<(String, Vec<f64>)>,
-    /// Whether OP acts beside a stem that sticks, `D(q) u`: with a feed-forward or a slow controller, OP tells of loads before
-    /// PV shows them. A stem that follows OP needs no such term: it is OP.
+    /// Whether OP is a second input, `D(q) u`, beside a stem that sticks. With a feed-forward or a slow controller, OP reacts to
+    /// loads before PV shows them. A stem without friction is OP itself and needs no such term.
     pub direct: bool,
-    /// Sign of the process gain, where the controller tells it (see [`super::gain_sign`]).
+    /// Sign of the process gain, +1 or -1, where OP shows it ([`super::gain_sign`]).
     pub gain_sign: Option<f64>,
-    /// Where stems start.
+    /// The extremum of OP at which stems start.
     pub start: Start,
-    /// First row of a fit.
+    /// First fitted row.
     pub first: usize,
-    /// First row that no fit sees.
+    /// First row after the fitted ones: from here on samples are held out.
     pub split: usize,
-    /// Half the largest reversal of OP: with a larger f the stem never turns.
+    /// Largest f at which the stem turns (standard deviations of OP): half the largest reversal of OP.
     pub f_max: f64,
-    /// Least scale of errors: that of rounding PV to its steps; 0 where it has none.
+    /// Least scale of the errors (standard deviations of PV): that of rounding PV to its steps; 0 where PV has none.
     pub least_scale: f64,
-    /// What turns normalised numbers into those of the plant.
+    /// Means and standard deviations, to convert back to the plant's units.
     pub units: Units,
 }
 
@@ -57,25 +59,27 @@ pub struct Units {
     pub ts: f64,
     /// Mean of OP (OP unit).
     pub u0: f64,
-    /// OP units in one.
+    /// Standard deviation of OP (OP unit).
     pub u: f64,
     /// Mean of PV (PV unit).
     pub y0: f64,
-    /// PV units in one.
+    /// Standard deviation of PV (PV unit).
     pub y: f64,
     /// The span of OP, where it is known (OP unit).
     pub span: Option<f64>,
 }
 
 impl Units {
-    /// A distance along OP as sentences say it: in per cent of the span where that is known.
+    /// A distance along OP (OP unit) as sentences for operators say it: in per cent of the span, where that is known.
     pub fn along_op(&self, distance: f64) -> String {
         along_op(distance, self.span)
     }
 }
 
 impl IdData {
-    /// Normalises a window whose stems start at `start`; `None` where OP or PV do not move or too few rows are left.
+    /// Normalises a window whose stems start at `start`.
+    ///
+    /// `None` where OP or PV does not move, or where fewer than `LEAST_FITTED` rows would be fitted.
     pub fn new(window: &Window, start: Start) -> Option<Self> {
         let n = window.len();
         let units = Units {
@@ -128,14 +132,14 @@ impl IdData {
         self.y.is_empty()
     }
 
-    /// Rows that are fitted on.
+    /// The fitted rows.
     pub fn rows(&self) -> std::ops::Range<usize> {
         self.first..self.split
     }
 
-    /// How many of them count.
+    /// The number of fitted rows that count.
     pub fn counted(&self) -> f64 {
-        self.weight[self.rows()].iter().sum()
+        total(&self.weight[self.rows()])
     }
 
     /// The time of sample `k` (s).

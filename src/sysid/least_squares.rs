@@ -1,6 +1,6 @@
-//! The two linear-algebra kernels everything rests on: a dot product that vectorises, and the Cholesky
-//! solution of small symmetric systems in caller-owned storage.
+//! Dot products that vectorise, and the Cholesky solution of small symmetric systems in the caller's storage.
 
+use multiversion::multiversion;
 use std::ops::Range;
 
 /// `sum a[i] b[i]` over the shorter length, in sixteen accumulators so that it vectorises.
@@ -16,10 +16,18 @@ pub fn dot(a: &[f64], b: &[f64]) -> f64 {
         }
     }
     let rest: f64 = a_rest.iter().zip(b_rest).map(|(x, y)| x * y).sum();
-    // Halves onto halves, as vectors fold: in another order the compiler shuffles inside the loop.
+    // The upper half is added to the lower one, as vector registers are folded. In another order the compiler shuffles in the loop.
     let acc: [f64; 8] = std::array::from_fn(|i| acc[i] + acc[i + 8]);
     let [a, b, c, d]: [f64; 4] = std::array::from_fn(|i| acc[i] + acc[i + 4]);
     ((a + c) + (b + d)) + rest
+}
+
+/// [`dot`] for columns with a value for each sample, compiled for AVX2 too. The accumulators are the same, and so is the sum.
+///
+/// For short rows the call costs more than wider registers gain.
+#[multiversion(targets("x86_64+avx2"))]
+pub fn dot_long(a: &[f64], b: &[f64]) -> f64 {
+    dot(a, b)
 }
 
 /// `sum a[i]`, in eight accumulators.
@@ -35,70 +43,95 @@ pub fn total(a: &[f64]) -> f64 {
     ((a + c) + (b + d)) + rest.iter().sum::<f64>()
 }
 
-/// Most columns of a system.
+/// Largest number of columns of a system.
 pub const MOST_COLUMNS: usize = 128;
 
-/// Factors a symmetric positive semi-definite `G` of order `n` into `L Lᵀ` in place.
+/// Factors a symmetric positive semi-definite `G` of order `n` into `L Lᵀ` in place (Cholesky).
 ///
-/// `g` is row-major with row length `stride`, lower triangle used and overwritten. A pivot below `1e-13` of its
-/// diagonal is a dependent column: `live` is false there and [`substitute`] gives it the coefficient 0, so that
-/// the others solve the problem without it.
+/// * `g`: row by row, each row `stride` long; the lower triangle is read and overwritten.
+/// * `live`: receives false for a column that depends on those before it, whose pivot is below `1e-13` of its diagonal.
+///   [`substitute`] gives such a column the coefficient 0, so that the others solve the problem without it.
 pub fn factor(g: &mut [f64], stride: usize, n: usize, live: &mut [bool; MOST_COLUMNS]) {
     factor_rows(g, stride, 0..n, live);
 }
 
-/// The same for some rows, where those before them are factored.
+/// [`factor`] for the rows `of`, where all rows before them are factored already.
 pub fn factor_rows(g: &mut [f64], stride: usize, of: Range<usize>, live: &mut [bool; MOST_COLUMNS]) {
     let n = of.end;
+    if n <= ROWS {
+        return of.for_each(|i| factor_row(g, stride, i, live));
+    }
+    let mut columns = [[0.0; ROWS]; MOST_COLUMNS];
     for first in of.step_by(ROWS) {
-        let few = first..n.min(first + ROWS);
-        let together = if few.len() == ROWS { first } else { 0 };
-        if together > 0 {
-            let (head, tail) = g.split_at_mut(first * stride);
-            rows(head, tail, stride, first, live);
-        }
-        for i in few {
-            let (head, tail) = g.split_at_mut(i * stride);
-            let row = &mut tail[..=i];
-            for j in together..i {
-                let above = &head[j * stride..=j * stride + j];
-                let partial: f64 = row[..j].iter().zip(above).map(|(x, y)| x * y).sum();
-                row[j] = if live[j] { (row[j] - partial) / above[j] } else { 0.0 };
-            }
-            let rest = row[i] - row[..i].iter().map(|x| x * x).sum::<f64>();
-            live[i] = rest > 1e-13 * row[i] && rest > 0.0;
-            row[i] = if live[i] { rest.sqrt() } else { 1.0 };
-        }
+        factor_together(g, stride, first..n.min(first + ROWS), &mut columns, live);
     }
 }
 
-/// Rows factored side by side: the sums of one alone wait for one another.
-const ROWS: usize = 4;
-
-/// The first `n` columns of the rows at the start of `tail`, below the factored `n` rows `head`.
-fn rows(head: &[f64], tail: &mut [f64], stride: usize, n: usize, live: &[bool; MOST_COLUMNS]) {
-    let mut each = tail.chunks_mut(stride);
-    let mut rows: [&mut [f64]; ROWS] =
-        std::array::from_fn(|_| each.next().map_or(&mut [][..], |row| &mut row[..n]));
-    for j in 0..n {
+/// Factors row `i` alone.
+fn factor_row(g: &mut [f64], stride: usize, i: usize, live: &mut [bool; MOST_COLUMNS]) {
+    let (head, tail) = g.split_at_mut(i * stride);
+    let row = &mut tail[..=i];
+    for j in 0..i {
         let above = &head[j * stride..=j * stride + j];
+        let partial: f64 = row[..j].iter().zip(above).map(|(x, y)| x * y).sum();
+        row[j] = if live[j] { (row[j] - partial) / above[j] } else { 0.0 };
+    }
+    let rest = row[i] - row[..i].iter().map(|x| x * x).sum::<f64>();
+    live[i] = rest > 1e-13 * row[i] && rest > 0.0;
+    row[i] = if live[i] { rest.sqrt() } else { 1.0 };
+}
+
+/// Rows factored side by side: the sums of one row alone wait for one another.
+const ROWS: usize = 8;
+
+/// Factors at most [`ROWS`] rows, column by column. Every sum has the terms of [`factor_row`] in the same order.
+///
+/// * `columns`: room for the numbers of these rows, those of one column side by side.
+#[multiversion(targets("x86_64+avx2"))]
+fn factor_together(
+    g: &mut [f64],
+    stride: usize,
+    rows: Range<usize>,
+    columns: &mut [[f64; ROWS]; MOST_COLUMNS],
+    live: &mut [bool; MOST_COLUMNS],
+) {
+    let Range { start: first, end } = rows;
+    for j in 0..end {
+        let (before, rest) = columns.split_at_mut(j);
+        let column = &mut rest[0];
+        *column = [0.0; ROWS];
+        for i in first.max(j)..end {
+            column[i - first] = g[i * stride + j];
+        }
+        // The numbers of row j are final, also where it is one of these rows.
+        let above = &g[j * stride..=j * stride + j];
         let mut partial = [0.0; ROWS];
-        {
-            let [p, q, r, s] = rows.each_ref().map(|row| &row[..j]);
-            for k in 0..j {
-                partial[0] += p[k] * above[k];
-                partial[1] += q[k] * above[k];
-                partial[2] += r[k] * above[k];
-                partial[3] += s[k] * above[k];
+        for (other, l) in before.iter().zip(above) {
+            for r in 0..ROWS {
+                partial[r] += other[r] * l;
             }
         }
-        for (row, partial) in rows.iter_mut().zip(partial) {
-            row[j] = if live[j] { (row[j] - partial) / above[j] } else { 0.0 };
+        for r in 0..ROWS {
+            column[r] -= partial[r];
+        }
+        let mut pivot = above[j];
+        if j >= first {
+            let rest = column[j - first];
+            live[j] = rest > 1e-13 * pivot && rest > 0.0;
+            pivot = if live[j] { rest.sqrt() } else { 1.0 };
+            g[j * stride + j] = pivot;
+        }
+        let is_live = live[j];
+        for value in column.iter_mut() {
+            *value = if is_live { *value / pivot } else { 0.0 };
+        }
+        for i in first.max(j + 1)..end {
+            g[i * stride + j] = column[i - first];
         }
     }
 }
 
-/// Solves `L Lᵀ theta = r` in place; the order is `r`'s length.
+/// Solves `L Lᵀ theta = r` in place, with L and `live` of [`factor`]; the order is the length of `r`, which receives theta.
 pub fn substitute(g: &[f64], stride: usize, live: &[bool; MOST_COLUMNS], r: &mut [f64]) {
     let n = r.len();
     for i in 0..n {
@@ -123,6 +156,12 @@ pub fn substitute(g: &[f64], stride: usize, live: &[bool; MOST_COLUMNS], r: &mut
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    fn signal(seed: u64, n: usize) -> Vec<f64> {
+        StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(seed)).take(n).collect()
+    }
 
     #[test]
     fn dot_is_the_plain_sum() {
@@ -131,6 +170,30 @@ mod tests {
         assert_eq!(dot(&a, &a), plain);
         assert_eq!(dot(&a, &a[..3]), 5.0);
         assert_eq!(total(&a), 666.0);
+    }
+
+    /// The sum in N accumulators, term by term.
+    fn in_accumulators<const N: usize>(terms: &[f64]) -> f64 {
+        let whole = terms.len() - terms.len() % N;
+        let mut acc = [0.0; N];
+        (0..whole).for_each(|k| acc[k % N] += terms[k]);
+        let mut half = N;
+        while half > 4 {
+            half /= 2;
+            (0..half).for_each(|i| acc[i] += acc[i + half]);
+        }
+        ((acc[0] + acc[2]) + (acc[1] + acc[3])) + terms[whole..].iter().sum::<f64>()
+    }
+
+    #[test]
+    fn sums_are_those_term_by_term_to_the_last_bit() {
+        for (seed, n) in [0, 1, 7, 8, 9, 15, 16, 17, 33, 513, 1534, 2047].into_iter().enumerate() {
+            let (a, b) = (signal(seed as u64, n), signal(100 + seed as u64, n));
+            let terms: Vec<f64> = a.iter().zip(&b).map(|(a, b)| a * b).collect();
+            let plain = in_accumulators::<16>(&terms).to_bits();
+            assert_eq!([dot(&a, &b), dot_long(&a, &b)].map(f64::to_bits), [plain; 2], "{n}");
+            assert_eq!(total(&a).to_bits(), in_accumulators::<8>(&a).to_bits(), "{n}");
+        }
     }
 
     /// Row after row, term by term.
@@ -147,21 +210,22 @@ mod tests {
     }
 
     #[test]
-    fn rows_side_by_side_are_those_one_after_the_other() {
-        for n in 1..=11 {
-            // The sixth column is the sum of the first two.
-            let column = |i: usize, k: usize| ((i * i + 2) as f64 * 0.37 * k as f64).cos() + 0.1 * i as f64;
-            let value = |i, k| if i == 5 { column(0, k) + column(1, k) } else { column(i, k) };
-            let product = |i, j| (0..40).map(|k| value(i, k) * value(j, k)).sum::<f64>();
-            let g: Vec<f64> = (0..n * n).map(|at| product(at / n, at % n)).collect();
+    fn rows_side_by_side_are_those_one_after_the_other_to_the_last_bit() {
+        let mut columns: Vec<Vec<f64>> = (0..MOST_COLUMNS as u64).map(|seed| signal(seed, 200)).collect();
+        // The sixth column is the sum of the first two.
+        columns[5] = columns[0].iter().zip(&columns[1]).map(|(a, b)| a + b).collect();
+        for n in (0..=19).chain([31, 32, 45, 101, MOST_COLUMNS]) {
+            let g: Vec<f64> = (0..n * n).map(|at| dot(&columns[at / n], &columns[at % n])).collect();
             let mut found = [(); 3].map(|()| (g.clone(), [true; MOST_COLUMNS]));
             let [plain, whole, parts] = &mut found;
             plainly(&mut plain.0, n, &mut plain.1);
             factor(&mut whole.0, n, n, &mut whole.1);
             factor(&mut parts.0, n, n / 2, &mut parts.1);
             factor_rows(&mut parts.0, n, n / 2..n, &mut parts.1);
-            assert_eq!(plain, whole);
-            assert_eq!(plain, parts);
+            let bits = |g: &[f64]| g.iter().map(|g| g.to_bits()).collect::<Vec<u64>>();
+            for other in [whole, parts] {
+                assert_eq!((bits(&plain.0), plain.1), (bits(&other.0), other.1), "{n}");
+            }
             assert_eq!(plain.1[..n].iter().filter(|live| !**live).count(), usize::from(n > 5));
         }
     }

@@ -1,36 +1,40 @@
-//! The values of OP and PV that were not measured: those that a loop makes likeliest, given what was measured before and after.
+//! OP and PV where they were not measured: the likeliest values, given what was measured before and after.
 //!
 //! ```text
-//! PV[k] = sum_i a_i PV[k-i] + sum_i b_i OP[k-i] + c + e[k]                             i = 1 .. p
-//! OP[k] = sum_i a_i OP[k-i] + sum_i b_i PV[k-i] + sum_i d_i SP[k-i] + c + e[k]         b and d from i = 0 on
-//! minimise  sum over k of e_pv[k]^2 / s_pv^2 + e_op[k]^2 / s_op^2   over what was not measured
+//! PV[k] = sum_i a_i PV[k-i] + sum_i b_i OP[k-i] + c + e_pv[k]                          i = 1 .. p          (process)
+//! OP[k] = sum_i a_i OP[k-i] + sum_i b_i PV[k-i] + sum_i d_i SP[k-i] + c + e_op[k]      b, d: i = 0 .. p    (controller)
+//! minimise  sum over k of e_pv[k]^2 / s_pv^2 + e_op[k]^2 / s_op^2   over the values that were not measured
 //! ```
 //!
-//! A controller computes OP exactly, so that its law and PV on both sides say what OP was in a hole, turn and all. That OP
-//! stands for a measured one in the lags of later rows; a row without a sample says nothing all the same.
-//! Both laws are regressions on the rows without holes, with Student-t errors. The least sum is one banded system of equations.
+//! 1. Each equation, called a *law* here, is a regression on the rows where all its values were measured, with Student-t errors.
+//!    Schwarz's criterion chooses p.
+//! 2. The sum of squares is quadratic in the missing values. Its minimum is the solution of one banded system.
+//!
+//! A controller computes OP exactly, so PV on both sides of a hole determines OP inside it, with its turns.
+//! Later rows use these values as lags. The rows of the hole still do not count as evidence.
 //!
 //! Source: Janssen, Veldhuis & Vries, IEEE Trans. ASSP 1986, 34, 317, for one signal; here for two that drive each other.
 
+use super::criterion::{REGULAR, penalty};
 use super::least_squares::{MOST_COLUMNS, factor, substitute};
 use super::stats::{mean, sd};
 use super::student;
 
-/// Lags p of a law: those tried, of which the rows without holes tell the best.
+/// Numbers of lags p of a law that are tried.
 const LAGS: [usize; 6] = [1, 2, 3, 4, 6, 8];
-/// Rows without holes for each coefficient that allow so many lags.
+/// Fewest rows without missing values for each coefficient of a law.
 const ROWS_EACH: usize = 10;
-/// Power, as a share of a signal's own, below which rounding makes the difference between signals: OP is recorded to so many
-/// digits, and what a controller computes exactly is a combination of the rest.
+/// Relative increase of the diagonal of the Gram matrix: below this share of a signal's power its difference from a combination of
+/// the others is rounding. What a controller computes exactly is such a combination, and OP is recorded to so many digits.
 const ROUNDING: f64 = 1e-10;
-/// Rows that a law is estimated from, at most.
+/// Most rows that a law is estimated from.
 const MOST_ROWS: usize = 4000;
 /// Passes of reweighted least squares.
 const PASSES: usize = 4;
-/// OP, PV and SP.
+/// Number of signals: OP, PV and SP.
 const SIGNALS: usize = 3;
 
-/// A signal's place among the three.
+/// A signal, as an index among the three.
 #[derive(Clone, Copy, PartialEq)]
 enum Tag {
     Op = 0,
@@ -38,35 +42,39 @@ enum Tag {
     Sp = 2,
 }
 
-/// One law: what it predicts, from what, and how exactly.
+/// An estimated law: a linear equation that predicts one signal.
 struct Law {
+    /// The signal that it predicts.
     of: Tag,
     /// Signal, lag and coefficient of each term.
     terms: Vec<(Tag, usize, f64)>,
     constant: f64,
+    /// Scale of its errors.
     scale: f64,
 }
 
-/// The three signals in their own spreads; SP is none where it never moves.
+/// The three signals, normalised; SP is empty where it never moves.
 struct Signals {
     values: [Vec<f64>; SIGNALS],
-    there: [Vec<bool>; 2],
+    /// Whether OP, and PV, were measured, for each row.
+    is_measured: [Vec<bool>; 2],
+    /// Mean and standard deviation of OP and of PV.
     scale: [(f64, f64); 2],
 }
 
-/// OP and PV with the likeliest values where they are missing.
+/// OP and PV, with the likeliest value wherever one is missing.
 ///
-/// * `op`, `pv`: what was measured.
-/// * `guess`: both with some value everywhere; it stays where the rows without holes are too few for any law.
-/// * `sp`: the set point, where there is one.
+/// * `op`, `pv`: what was measured, one value for each row (OP unit, PV unit).
+/// * `guess`: OP and PV with some value everywhere. It is returned where too few rows are complete to estimate a law.
+/// * `sp`: the set point (PV unit), where there is one.
 pub fn likeliest(
     op: &[Option<f64>],
     pv: &[Option<f64>],
     guess: [Vec<f64>; 2],
     sp: Option<&[f64]>,
 ) -> [Vec<f64>; 2] {
-    let whole = |v: &[Option<f64>]| v.iter().all(Option::is_some);
-    if whole(op) && whole(pv) {
+    let complete = |v: &[Option<f64>]| v.iter().all(Option::is_some);
+    if complete(op) && complete(pv) {
         return guess;
     }
     let Some(mut signals) = Signals::new([op, pv], &guess, sp) else { return guess };
@@ -77,8 +85,8 @@ pub fn likeliest(
     }
     let mut out = guess;
     let rows: Vec<usize> = (0..op.len()).collect();
-    let whole = |k: &usize| op[*k].is_some() && pv[*k].is_some();
-    for hole in rows.chunk_by(|a, b| whole(a) == whole(b)).filter(|run| !whole(&run[0])) {
+    let complete = |k: &usize| op[*k].is_some() && pv[*k].is_some();
+    for hole in rows.chunk_by(|a, b| complete(a) == complete(b)).filter(|run| !complete(&run[0])) {
         signals.take(hole, &mut out);
     }
     out
@@ -87,8 +95,8 @@ pub fn likeliest(
 impl Signals {
     fn new(measured: [&[Option<f64>]; 2], guess: &[Vec<f64>; 2], sp: Option<&[f64]>) -> Option<Self> {
         let scale = measured.map(|v| {
-            let there: Vec<f64> = v.iter().copied().flatten().collect();
-            (mean(&there), sd(&there))
+            let known: Vec<f64> = v.iter().copied().flatten().collect();
+            (mean(&known), sd(&known))
         });
         let usable =
             |(middle, spread): &(f64, f64)| middle.is_finite() && spread.is_finite() && *spread > 0.0;
@@ -101,21 +109,25 @@ impl Signals {
         let sp = sp.filter(moves).map_or_else(Vec::new, |sp| scaled(sp, (mean(sp), sd(sp))));
         Some(Self {
             values: [scaled(&guess[0], scale[0]), scaled(&guess[1], scale[1]), sp],
-            there: measured.map(|v| v.iter().map(Option::is_some).collect()),
+            is_measured: measured.map(|v| v.iter().map(Option::is_some).collect()),
             scale,
         })
     }
 
-    fn there(&self, tag: Tag, k: usize) -> bool {
-        tag == Tag::Sp || self.there[tag as usize][k]
+    /// Whether a signal was measured at row `k`; the set point always is.
+    fn is_measured(&self, tag: Tag, k: usize) -> bool {
+        tag == Tag::Sp || self.is_measured[tag as usize][k]
     }
 
-    /// One law, with the lags that tell most; `None` where the rows without holes are too few for any.
+    /// Estimates the law of one signal, with the number of lags that Schwarz's criterion chooses.
+    ///
+    /// `None` where too few rows are complete, even for the fewest lags.
     fn law(&self, of: Tag) -> Option<Law> {
         let rows_of = |terms: &[(Tag, usize)]| -> Vec<usize> {
-            let whole =
-                |k: &usize| self.there(of, *k) && terms.iter().all(|(tag, lag)| self.there(*tag, k - lag));
-            (self.longest(terms)..self.values[0].len()).filter(whole).collect()
+            let complete = |k: &usize| {
+                self.is_measured(of, *k) && terms.iter().all(|(tag, lag)| self.is_measured(*tag, k - lag))
+            };
+            (self.longest(terms)..self.values[0].len()).filter(complete).collect()
         };
         let each = LAGS.map(|lags| self.terms(of, lags));
         let enough = |terms: &Vec<(Tag, usize)>| rows_of(terms).len() >= ROWS_EACH * (terms.len() + 1);
@@ -129,20 +141,20 @@ impl Signals {
             };
             let size = terms.len() + 1;
             let (theta, scale, log_likelihood) = fitted(&rows.iter().map(row).collect::<Vec<_>>(), size);
-            // Schwarz's criterion: a coefficient more has to pay for itself.
-            let score = log_likelihood - 0.5 * size as f64 * (rows.len() as f64).ln();
+            // Schwarz's criterion.
+            let score = log_likelihood - penalty(REGULAR * size as f64, rows.len() as f64);
             let terms = terms.iter().zip(&theta).map(|((tag, lag), theta)| (*tag, *lag, *theta)).collect();
             (score, Law { of, terms, constant: theta[size - 1], scale })
         });
         fits.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, law)| law)
     }
 
-    /// What a law with so many lags predicts from.
+    /// The terms, signal and lag, of a law with so many lags.
     fn terms(&self, of: Tag, lags: usize) -> Vec<(Tag, usize)> {
         let mut terms = Vec::new();
         for tag in [Tag::Op, Tag::Pv, Tag::Sp] {
             let used = !(self.values[tag as usize].is_empty() || of == Tag::Pv && tag == Tag::Sp);
-            // OP follows from this scan's PV, PV from an earlier OP.
+            // The controller computes OP from PV of the same scan. PV follows an earlier OP.
             let from = usize::from(of == Tag::Pv || tag == Tag::Op);
             terms.extend((from..=lags).filter(|_| used).map(|lag| (tag, lag)));
         }
@@ -153,7 +165,8 @@ impl Signals {
         terms.iter().map(|(_, lag)| *lag).max().unwrap_or(0)
     }
 
-    /// Puts the least sum of squares in place of what is missing, behind the longest lag; false where there is none.
+    /// Replaces the missing values after the longest lag by those with the least sum of squares; false where the system is
+    /// singular.
     fn solve(&mut self, laws: &[Law; 2]) -> bool {
         let n = self.values[0].len();
         let lags = laws.iter().flat_map(|law| &law.terms).map(|(_, lag, _)| *lag).max().unwrap_or(0);
@@ -161,7 +174,7 @@ impl Signals {
         let mut count = 0;
         for k in lags..n {
             for (tag, places) in places.iter_mut().enumerate() {
-                if !self.there[tag][k] {
+                if !self.is_measured[tag][k] {
                     places[k] = Some(count);
                     count += 1;
                 }
@@ -196,12 +209,14 @@ impl Signals {
 impl Signals {
     /// Least and largest measured value of a signal.
     fn range(&self, tag: usize) -> (f64, f64) {
-        let there = self.values[tag].iter().zip(&self.there[tag]).filter(|(_, there)| **there);
-        there.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), (v, _)| (low.min(*v), high.max(*v)))
+        let known = self.values[tag].iter().zip(&self.is_measured[tag]).filter(|(_, measured)| **measured);
+        known.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), (v, _)| (low.min(*v), high.max(*v)))
     }
 
-    /// Puts the values of one hole into `out`. Where one lies farther beyond what was measured than that is wide the law is none
-    /// of this loop there, and the hole stays as it is.
+    /// Puts the values of one hole into `out`, in the plant's units and limited to the measured range.
+    ///
+    /// The hole keeps its guess where a value lies beyond the measured range by more than the width of that range: the laws do not
+    /// hold there.
     fn take(&self, hole: &[usize], out: &mut [Vec<f64>; 2]) {
         let ranges = [0, 1].map(|tag| self.range(tag));
         let plausible = ranges.iter().enumerate().all(|(tag, (low, high))| {
@@ -210,15 +225,15 @@ impl Signals {
         });
         for (tag, (low, high)) in ranges.into_iter().enumerate().filter(|_| plausible) {
             let (middle, spread) = self.scale[tag];
-            for &k in hole.iter().filter(|k| !self.there[tag][**k]) {
-                // A turn beyond all that was measured is a law's, not a loop's.
+            for &k in hole.iter().filter(|k| !self.is_measured[tag][**k]) {
+                // A value beyond all measured ones is an artefact of the laws.
                 out[tag][k] = middle + spread * self.values[tag][k].clamp(low, high);
             }
         }
     }
 }
 
-/// Coefficients of the last column of a table by those before it, the scale of the errors and their log-likelihood.
+/// Regresses the last column of a table on the `size` columns before it, with Student-t errors: theta, scale, log-likelihood.
 fn fitted(table: &[Vec<f64>], size: usize) -> (Vec<f64>, f64, f64) {
     let ones = vec![1.0; table.len()];
     let (mut omega, mut theta, mut scale, mut log_likelihood) = (ones.clone(), Vec::new(), 0.0, 0.0);
@@ -245,10 +260,11 @@ fn fitted(table: &[Vec<f64>], size: usize) -> (Vec<f64>, f64, f64) {
     (theta, scale, log_likelihood)
 }
 
-/// A symmetric system whose unknowns meet only their neighbours.
+/// A symmetric positive definite system with a band matrix.
 struct Banded {
+    /// Width of the band, with the diagonal, to one side.
     width: usize,
-    /// Row i holds columns `i + 1 - width ..= i`.
+    /// The lower triangle: row i holds columns `i + 1 - width ..= i`.
     rows: Vec<f64>,
     right: Vec<f64>,
 }
@@ -262,7 +278,7 @@ impl Banded {
         &mut self.rows[i * self.width + j + self.width - 1 - i]
     }
 
-    /// One square: `weight (rest + sum by x)^2`.
+    /// Adds one square, `weight (rest + sum of a_i x_i)^2`, of the unknowns `(i, a_i)`.
     fn add(&mut self, unknown: &[(usize, f64)], rest: f64, weight: f64) {
         for &(i, a) in unknown {
             self.right[i] -= weight * a * rest;
@@ -272,7 +288,7 @@ impl Banded {
         }
     }
 
-    /// The unknowns, by Cholesky; `None` where a pivot is none.
+    /// The solution, by Cholesky; `None` where a pivot is not positive.
     fn solved(mut self) -> Option<Vec<f64>> {
         let n = self.right.len();
         let mut x = std::mem::take(&mut self.right);

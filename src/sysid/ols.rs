@@ -1,4 +1,4 @@
-//! Ordinary least squares with the t of a sum of coefficients.
+//! Ordinary least squares, with the t value of a sum of coefficients.
 //!
 //! ```text
 //! theta = G^-1 r,   G = X'X, r = X'y
@@ -10,17 +10,23 @@
 use super::least_squares::{MOST_COLUMNS, dot, factor, substitute};
 use std::ops::Range;
 
-/// A regression of `y` on columns, and on the first few of them.
+/// The regressions of `y` on the first n of some columns, for every n.
+///
+/// One Cholesky factor serves them all: the factor of the first columns is the first block of the whole factor.
 pub struct Ols {
+    /// Cholesky factor of `X'X`.
     gram: Vec<f64>,
+    /// `X'y`.
     right: Vec<f64>,
+    /// Which columns do not depend on those before them.
     live: [bool; MOST_COLUMNS],
-    of_y: f64,
+    /// `y'y`.
+    power: f64,
     rows: usize,
 }
 
 impl Ols {
-    /// `None` with more columns than are solved, or with no more rows than columns.
+    /// Factors `X'X` of the columns; `None` with more than [`MOST_COLUMNS`] columns, or with no more rows than columns.
     pub fn new(columns: &[Vec<f64>], y: &[f64]) -> Option<Self> {
         let p = columns.len();
         if p > MOST_COLUMNS || y.len() <= p {
@@ -35,33 +41,35 @@ impl Ols {
         let right = columns.iter().map(|column| dot(column, y)).collect();
         let mut live = [true; MOST_COLUMNS];
         factor(&mut gram, p, p, &mut live);
-        Some(Self { gram, right, live, of_y: dot(y, y), rows: y.len() })
+        Some(Self { gram, right, live, power: dot(y, y), rows: y.len() })
     }
 
-    /// The factor of the first columns is the first block of the whole factor.
+    /// `G^-1 right`, of as many columns as `right` has.
     fn solved(&self, mut right: Vec<f64>) -> Vec<f64> {
         substitute(&self.gram, self.right.len(), &self.live, &mut right);
         right
     }
 
-    /// Sum of squares that the first `n` columns leave.
+    /// The sum of squares of the residual with the first `n` columns.
     pub fn rest(&self, n: usize) -> f64 {
         let right = &self.right[..n];
-        (self.of_y - dot(right, &self.solved(right.to_vec()))).max(0.0)
+        (self.power - dot(right, &self.solved(right.to_vec()))).max(0.0)
     }
 
-    /// t of the summed coefficients of the columns `of` among the first `n`.
+    /// t of the sum of the coefficients of the columns `of`, in the regression on the first `n` columns (-).
+    ///
+    /// It is 0 where all of them depend on columns before them, and ±`f64::MAX` where the residual is 0.
     pub fn t(&self, n: usize, of: Range<usize>) -> f64 {
         let sum_of = |v: &[f64]| v[of.clone()].iter().sum::<f64>();
         let sum = sum_of(&self.solved(self.right[..n].to_vec()));
         let ones = (0..n).map(|i| f64::from(u8::from(of.contains(&i)))).collect();
         let leverage = sum_of(&self.solved(ones));
-        // Columns that depend on those before them have no coefficients.
+        // Columns that depend on those before them have no coefficients, so their sum has no variance.
         if leverage <= 0.0 {
             return 0.0;
         }
         let variance = self.rest(n) / (self.rows - n) as f64 * leverage;
-        // A record without noise is explained to the last digit.
+        // A record without noise leaves no residual.
         if variance > 0.0 { sum / variance.sqrt() } else { sum.signum() * f64::MAX }
     }
 }

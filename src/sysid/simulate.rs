@@ -1,14 +1,22 @@
-//! A model run free: PV from the stem and the loads alone, its measured past only at the start.
+//! The free run of a model: PV is computed from the stem and the loads alone, and from measured PV only at the start.
+//!
+//! ```text
+//! y[k] = -sum a_i y[k-i] + sum b_j x[k-nk-(j-1)] + c0 + sum gamma_m phi_m[k] (+ sum c_i e[k-i] before the start)
+//! ```
 
 use super::armax::{Armax, ORDER, Signals};
 use super::iddata::IdData;
 use super::zeros::draw_inside;
 
-/// Largest normalised PV of a run: an unstable A must not end in infinities.
+/// Largest PV of a run (standard deviations): an unstable A must not end in infinities.
 const FARTHEST: f64 = 1e6;
 
-/// PV run free from sample `from` on, with errors `e` before it; it starts anew from what was measured every `stretch`
-/// samples, since an integrating process would otherwise be judged by one slow error.
+/// PV run free from sample `from` on; PV as measured before it (normalised).
+///
+/// * `signals`: the input at the parameters of the model.
+/// * `e`: one-step prediction errors; those before a start are used.
+/// * `stretch`: number of samples after which the run starts again from measured PV. Without it an integrating process would be
+///   judged by one slow error.
 pub fn simulate(
     model: &Armax,
     data: &IdData,

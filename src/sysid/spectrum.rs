@@ -1,4 +1,4 @@
-//! The power spectrum, and what of a signal lies in a band of frequencies.
+//! Power spectra, and the part of a signal in a band of frequencies.
 
 use nalgebra::Complex;
 use realfft::RealFftPlanner;
@@ -13,7 +13,7 @@ pub fn power(x: &mut [f64]) -> Vec<f64> {
     bins.iter().map(|bin| bin.norm_sqr()).collect()
 }
 
-/// Plans of transforms, which are made once a length.
+/// Plans of Fourier transforms: each length is planned once.
 #[derive(Default)]
 pub struct Transforms(RealFftPlanner<f64>);
 
@@ -33,7 +33,7 @@ pub struct Spectrum {
 }
 
 impl Transforms {
-    /// No plan yet.
+    /// Without a plan yet.
     pub fn new() -> Self {
         Self(RealFftPlanner::new())
     }
@@ -51,24 +51,28 @@ impl Transforms {
         Spectrum { bins, n, m }
     }
 
-    /// `a(l) = sum over k of x[k] x[k + l]`, l = 0 … n - 1, of the part of x that `weight` (of the power, 0..1) lets pass, by
-    /// frequency in cycles a sample.
+    /// The autocovariance `a(l) = sum over k of x[k] x[k + l]`, l = 0 … n - 1, of a band of x.
+    ///
+    /// * `weight`: share of the power (0..1) that passes at a frequency (cycles per sample).
     pub fn autocovariance(&mut self, of: &Spectrum, weight: impl Fn(f64) -> f64) -> Vec<f64> {
         let at = |j: usize| j as f64 / of.m as f64;
         let power = of.bins.iter().enumerate().map(|(j, x)| Complex::new(weight(at(j)) * x.norm_sqr(), 0.0));
         self.back(power.collect(), of)
     }
 
-    /// The part of x that `weight` (of the amplitude, 0..1) lets pass, n samples, without a shift in time.
+    /// A band of x, n samples, without a shift in time (zero phase).
+    ///
+    /// * `weight`: share of the amplitude (0..1) that passes at a frequency (cycles per sample).
     pub fn filtered(&mut self, of: &Spectrum, weight: impl Fn(f64) -> f64) -> Vec<f64> {
         let at = |j: usize| j as f64 / of.m as f64;
         let passed = of.bins.iter().enumerate().map(|(j, x)| x * weight(at(j)));
         self.back(passed.collect(), of)
     }
 
+    /// The inverse transform, cut to the n samples of the signal.
     fn back(&mut self, mut bins: Vec<Complex<f64>>, of: &Spectrum) -> Vec<f64> {
         let inverse = self.0.plan_fft_inverse(of.m);
-        // A real signal has none at either end; what rounding leaves there is an error to the transform.
+        // The first and the last bin of a real signal are real; the transform refuses the imaginary part that rounding leaves.
         let last = bins.len() - 1;
         (bins[0].im, bins[last].im) = (0.0, 0.0);
         let mut out = inverse.make_output_vec();

@@ -1,4 +1,4 @@
-//! Small statistics over slices: means, spreads, quantiles. Empty input gives 0.
+//! Mean, variance, standard deviation, median and range of a slice, and its normalisation. Empty input gives 0.
 
 pub use crate::signal::quantile;
 
@@ -18,13 +18,13 @@ pub fn sd(v: &[f64]) -> f64 {
     variance(v).sqrt()
 }
 
-/// Grains in a standard deviation of a normalised signal: far finer than any measurement, far coarser than rounding.
+/// Grid points in a standard deviation of a normalised signal: far finer than any measurement, far coarser than rounding.
 const GRAINS: f64 = 4_294_967_296.0;
 
-/// Deviations from `m` in units of `s`, to 2^-32 of one.
+/// `(v - m) / s`, rounded to multiples of 2^-32.
 ///
-/// Another unit of the same signal has another last digit in every value, and a search that chooses the better of two nearly
-/// equal fits may choose the other. Rounded to a grain that no measurement resolves, all units give the same numbers.
+/// The same signal in another unit differs in the last digits, and a search may then choose the other one of two nearly equal fits.
+/// Rounded to a grid that no measurement resolves, the signal gives the same numbers in every unit.
 pub fn normalised(v: &[f64], m: f64, s: f64) -> Vec<f64> {
     v.iter().map(|x| ((x - m) / s * GRAINS).round() / GRAINS).collect()
 }

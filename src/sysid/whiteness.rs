@@ -1,17 +1,20 @@
-//! Whether a residual is white.
+//! Whether a residual is white: the test of Ljung and Box at 1 %.
 //!
 //! ```text
-//! Q = N (N + 2) sum over l = 1..h of r_l² / (N - l)  <  chi²_0.99(h - fitted)      (Ljung–Box)
+//! Q = N (N + 2) sum over l = 1..h of r_l² / (N - l)  <  chi²_0.99(h - fitted)
+//! r_l = sum over k of e[k] e[k-l] / sum over k of e[k]²       h = 20 lags
 //! ```
 //!
 //! Source: Ljung & Box, Biometrika 1978, 65, 297.
 
 use super::least_squares::dot;
 
-/// Lags in the test.
+/// Number h of lags in the test.
 const LAGS: usize = 20;
 
-/// Ljung–Box at 1 %, with `fitted` degrees of freedom used up.
+/// Whether Ljung–Box at 1 % does not reject that `e` is white. Too short a residual is not rejected.
+///
+/// * `fitted`: number of coefficients of A and C that were fitted to the record, below h.
 pub fn is_white(e: &[f64], fitted: usize) -> bool {
     let n = e.len() as f64;
     let power = dot(e, e);

@@ -1,4 +1,4 @@
-//! The zeros of a polynomial in q^-1: whether they lie inside a circle, and how they are kept there.
+//! The zeros of a polynomial `1 + c1 q^-1 + … + cn q^-n`: whether they lie inside a circle, and how they are kept there.
 
 use nalgebra::Complex;
 use std::f64::consts::TAU;
@@ -6,10 +6,10 @@ use std::f64::consts::TAU;
 /// Largest order of a polynomial.
 pub const ORDER: usize = 6;
 
-/// Share of the radius by which a zero that is drawn in ends inside, so that rounding does not put it outside again.
+/// Share of the radius by which a zero that was moved lies inside, so that rounding does not put it outside again.
 pub const MARGIN: f64 = 1e-6;
 
-/// True when every zero of `1 + c1 q^-1 + …` lies inside `|q| < radius` (Schur–Cohn by step-down).
+/// Whether every zero of `1 + c1 q^-1 + …` has `|q| < radius` (Schur–Cohn test by the step-down recursion).
 pub fn is_inside(c: &[f64], radius: f64) -> bool {
     let mut poly = [0.0; ORDER];
     let mut scale = 1.0;
@@ -32,7 +32,9 @@ pub fn is_inside(c: &[f64], radius: f64) -> bool {
     true
 }
 
-/// Draws every zero of `1 + c1 q^-1 + …` that lies outside `|q| = radius` straight towards 0 onto it; the others stay.
+/// Moves every zero of `1 + c1 q^-1 + …` outside `|q| = radius` to that radius at the same angle; the other zeros stay.
+///
+/// Where the zeros cannot be computed, all coefficients become 0.
 pub fn draw_inside(c: &mut [f64], radius: f64) {
     if is_inside(c, radius) {
         return;
@@ -55,7 +57,7 @@ pub fn draw_inside(c: &mut [f64], radius: f64) {
     for (c, p) in c.iter_mut().zip(&poly[1..]) {
         *c = p.re;
     }
-    // Rounding may leave a multiple zero outside: then all are drawn in together.
+    // Rounding may leave a multiple zero outside. Then all zeros are scaled together.
     while !is_inside(c, radius) {
         let mut power = 1.0;
         for c in c.iter_mut() {
@@ -65,7 +67,9 @@ pub fn draw_inside(c: &mut [f64], radius: f64) {
     }
 }
 
-/// The zeros of `1 + c1 q^-1 + …`, two by their formula, more by the Durand–Kerner iteration; none when it runs away.
+/// The zeros of `1 + c1 q^-1 + …`: of two coefficients by the quadratic formula, else by the Durand–Kerner iteration.
+///
+/// `None` where the iteration diverges.
 pub fn zeros(c: &[f64]) -> Option<[Complex<f64>; ORDER]> {
     let n = c.len().min(ORDER);
     if n == 2 {
@@ -74,7 +78,7 @@ pub fn zeros(c: &[f64]) -> Option<[Complex<f64>; ORDER]> {
         (zeros[0], zeros[1]) = (half + root, half - root);
         return Some(zeros);
     }
-    // Cauchy's bound, so that the starts surround the zeros.
+    // The starts lie on half of Cauchy's bound.
     let bound = 1.0 + c.iter().fold(0.0f64, |most, c| most.max(c.abs()));
     let mut zeros: [Complex<f64>; ORDER] =
         std::array::from_fn(|i| Complex::from_polar(0.5 * bound, 0.4 + i as f64 * TAU / n.max(1) as f64));
@@ -96,12 +100,14 @@ pub fn zeros(c: &[f64]) -> Option<[Complex<f64>; ORDER]> {
             return Some(zeros);
         }
     }
-    // A double zero converges slowly; what is left then is far below what a step of the minimisation moves.
+    // A double zero converges slowly. Its error is then far below what a step of the minimisation moves.
     Some(zeros)
 }
 
-/// The derivative of the modulus of a zero by the coefficients, not finite for a multiple one: with `P(q) = q^n + c1 q^(n-1) + …`
-/// a zero z moves by `-z^(n-l) / P'(z)` with `c_l`.
+/// The derivative of the modulus of a simple zero z by each coefficient: `d|z|/dc_l`, into `row`.
+///
+/// With `P(q) = q^n + c1 q^(n-1) + …` it is the part of `dz/dc_l = -z^(n-l) / P'(z)` along z.
+/// It is not finite for a multiple zero.
 pub fn outward(c: &[f64], zero: Complex<f64>, row: &mut [f64]) {
     let n = c.len();
     let mut slope = Complex::new(n as f64, 0.0);

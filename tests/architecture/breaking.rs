@@ -93,6 +93,7 @@ fn a_call_around_the_scheduler_is_found() {
     let refused = |text: &str| diagnosing(&Source::new("src/serve/api/loops.rs", text)).len();
     assert_eq!(refused("use crate::diagnosis::{Settings, diagnose};"), 1);
     assert_eq!(refused("fn f() { crate::diagnosis::verdict::diagnose(r, s); }"), 1);
+    assert_eq!(refused("fn f() { crate::diagnosis::diagnose_gated(r, g, s); }"), 1);
     assert_eq!(refused("use crate::diagnosis::*;"), 1);
     assert_eq!(refused("use crate::diagnosis::Settings; fn f() { scheduler.diagnose(id) }"), 0);
 }

@@ -1,57 +1,56 @@
-//! By how many rows PV is recorded later than the controller read it, and whether OP of a row was computed from PV of that row.
-//!
-//! A controller with an integrator computes the moves of OP from PV and set point of its own scans:
-//!
-//! ```text
-//! OP[k] - OP[k-1] = b0 PV[k+L] + b1 PV[k+L-1] + b2 PV[k+L-2] + c0 SP[k] + c1 SP[k-1] + d
-//! ```
-//!
-//! `L`: rows by which PV is late. With `L = 0` this holds in a record whose tags were read together. In a record whose PV is
-//! late it holds with that `L` alone, and then OP seems to cause PV exactly: a model of the process would find the
-//! controller's inverse, explain everything by it and call any valve sound.
-//!
-//! A fast process, which really causes PV a row later, is told apart by its steady gain:
+//! The number of rows L by which PV is recorded later than the controller read it, and whether OP of a row was computed from PV
+//! of that row.
 //!
 //! ```text
-//! OP[k] = b0 PV[k+L] + b1 PV[k+L-1] + b2 PV[k+L-2] + d
+//! controller:  OP[k] - OP[k-1] = b0 PV[k+L] + b1 PV[k+L-1] + b2 PV[k+L-2] + c0 SP[k] + c1 SP[k-1] + d
+//! process:     OP[k]           = b0 PV[k+L] + b1 PV[k+L-1] + b2 PV[k+L-2] + d
 //! ```
 //!
-//! holds for it, but not for a controller, whose OP is a sum over all of PV's past.
-//!
-//! Where the first equation holds almost exactly, and not without the newest PV, both values of a row are of one scan, whenever they
-//! were read: registers are held.
+//! * A controller with an integrator computes the moves of OP from PV and set point of its own scans. Where the tags were read
+//!   together, its equation holds with L = 0. Where PV is recorded late, it holds with that L alone.
+//! * A late PV must be moved back. OP seems to cause it exactly: a model of the process would be the inverse of the controller,
+//!   explain everything, and call any valve sound.
+//! * A fast process really causes PV a row later. The equation of the process holds for it, by its steady gain, and not for a
+//!   controller, whose OP is a sum over all of PV's past.
+//! * Where the equation of the controller holds almost exactly, and not without the newest PV, both values of a row are of one
+//!   scan.
+//!   It does not matter when they were read, because registers are held.
 
 use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, substitute};
 use crate::sysid::stats::mean;
 
-/// Most rows by which PV is looked for.
+/// Largest L that is tried (rows).
 const LATEST: usize = 3;
-/// Fewest rows that say anything.
+/// Fewest rows at which OP moves.
 const LEAST_ROWS: usize = 100;
-/// Part of the moves of OP that the controller may leave unexplained, and of what a row less and a process leave; and part of them
-/// that PV of one row alone must explain, for OP to tell which row it answers.
+/// Largest share that the controller with a late PV may leave of OP's moves, and of what L - 1 and the process leave; and the share
+/// of OP's moves that PV of one row alone must explain, so that OP shows from which row it was computed.
 const QUARTER: f64 = 0.25;
-/// Share left unexplained below which OP is explained: where a row less or a process leaves no more, PV is not late; where the
+/// Share of OP's moves below which an equation holds: where L - 1 or the process leaves no more, PV is not late; where the
 /// controller leaves no more, nothing else moved OP.
 const EXPLAINED: f64 = 1e-3;
 
 /// One tag on rows; `None` where it is missing.
 type Rows<'a> = &'a [Option<f64>];
 
-/// What OP tells of the PV that it answers.
+/// From which PV the controller computed OP.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Answer {
-    /// Rows by which PV is recorded late; 0 where nothing shows it.
+    /// Number L of rows by which PV is recorded late; 0 where OP does not show it.
     pub pv_late: usize,
-    /// Whether OP of each row was computed from PV of that row, once PV is moved back: nothing happened between the two readings.
+    /// Whether OP of each row was computed from PV of that row, after PV is moved back. Then the controller did not act between the
+    /// two readings.
     pub of_one_scan: bool,
 }
 
-/// What OP tells of the PV that it answers.
+/// Finds from which PV the controller computed OP.
+///
+/// * `op`, `pv`, `sp`: one value for each row, in any units; `None` where a row has none. `op` is without the term of write-back.
 pub fn answer(op: Rows, pv: Rows, sp: Option<Rows>) -> Answer {
-    let left: Vec<Option<Left>> = (0..LATEST + 2).map(|newest| left(op, pv, sp, newest)).collect();
-    // With PV so many rows late, and with PV of the rows before alone.
-    let at = |late: usize| Some((left[late + 1].as_ref()?, left[late].as_ref()?));
+    let all: Vec<Option<Unexplained>> =
+        (0..LATEST + 2).map(|newest| unexplained(op, pv, sp, newest)).collect();
+    // What is left with PV so many rows late, and what is left with one row less.
+    let at = |late: usize| Some((all[late + 1].as_ref()?, all[late].as_ref()?));
     let known = |late: usize| {
         let (own, before) = at(late)?;
         let others = before.by_controller.min(own.by_process).min(1.0);
@@ -59,21 +58,23 @@ pub fn answer(op: Rows, pv: Rows, sp: Option<Rows>) -> Answer {
     };
     let best = (1..=LATEST).filter_map(known).min_by(|a, b| a.1.total_cmp(&b.1));
     let pv_late = best.map_or(0, |(late, _)| late);
-    // A smooth PV is known from the rows before and after, whenever it was read: what PV of this row alone knows must matter.
+    // A smooth PV follows from the rows before and after, whenever it was read. So PV of this row must add to what they explain.
     let matters = at(pv_late).is_some_and(|(_, before)| before.by_controller > QUARTER);
     let of_one_scan = matters && known(pv_late).is_some_and(|(_, own)| own < EXPLAINED);
     Answer { pv_late, of_one_scan }
 }
 
-/// What both equations leave unexplained, in parts of the moves of OP.
-struct Left {
+/// The sum of squares that each equation leaves, as a share of that of OP's moves.
+struct Unexplained {
     by_controller: f64,
     by_process: f64,
 }
 
-/// What is left; `None` where too few rows say anything. OP that did not move is left out: it may have been at a limit or in a dead
-/// band. `newest`: how many rows after the one before OP's the newest PV lies that the controller has, so that 1 is OP's own row.
-fn left(op: Rows, pv: Rows, sp: Option<Rows>, newest: usize) -> Option<Left> {
+/// What both equations leave of OP; `None` where OP moves at fewer than [`LEAST_ROWS`] rows. Rows at which OP does not move are
+/// left out, because it may be at a limit or in a dead band.
+///
+/// * `newest`: L + 1, so that 1 is PV of OP's own row, and 0 PV of the rows before it alone.
+fn unexplained(op: Rows, pv: Rows, sp: Option<Rows>, newest: usize) -> Option<Unexplained> {
     // The same rows for every `newest`, so that the shares compare.
     let rows = 3..op.len().checked_sub(LATEST)?;
     let (mut columns, mut outputs, mut moves) = (vec![Vec::new(); 5], Vec::new(), Vec::new());
@@ -85,7 +86,7 @@ fn left(op: Rows, pv: Rows, sp: Option<Rows>, newest: usize) -> Option<Left> {
                 Some(sp) => [sp[k]?, sp[k - 1]?],
                 None => [0.0; 2],
             };
-            // Differences, because neighbours are nearly the same.
+            // Differences of neighbours, because the values themselves are nearly collinear.
             let row = [pv[0], pv[0] - pv[1], pv[0] - 2.0 * pv[1] + pv[2], sp[0], sp[0] - sp[1]];
             Some((own, own - op[k - 1]?, row))
         };
@@ -103,16 +104,16 @@ fn left(op: Rows, pv: Rows, sp: Option<Rows>, newest: usize) -> Option<Left> {
         let rest = residual(columns, y);
         dot(&rest, &rest) / power
     };
-    Some(Left { by_controller: share(&columns, &moves), by_process: share(&columns[..3], &outputs) })
+    Some(Unexplained { by_controller: share(&columns, &moves), by_process: share(&columns[..3], &outputs) })
 }
 
-/// Takes the mean out.
+/// Subtracts the mean.
 fn centred(column: &mut [f64]) {
     let middle = mean(column);
     column.iter_mut().for_each(|value| *value -= middle);
 }
 
-/// What least squares leaves of `y`.
+/// The residual of `y` by least squares on the columns.
 fn residual(columns: &[Vec<f64>], y: &[f64]) -> Vec<f64> {
     let n = columns.len();
     let mut g: Vec<f64> = (0..n * n).map(|at| dot(&columns[at / n], &columns[at % n])).collect();

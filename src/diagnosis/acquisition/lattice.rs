@@ -1,9 +1,11 @@
-//! Stamps on equal rows: their period, their phase, and how far they are off.
+//! Equal rows in time from stamps: their period, their phase, and the jitter of the stamps. Whether a source reports only changes.
 
-use super::EXACT;
 use super::limits::ReadingLimits;
 use crate::signal::Sample;
 use crate::sysid::stats::{mean, median};
+
+/// Largest deviation of stamps that are the controller's own (share of its period).
+pub(super) const EXACT: f64 = 1e-3;
 
 /// Equal rows in time.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,13 +19,15 @@ pub struct Lattice {
 }
 
 impl Lattice {
-    /// The rows that stamps lie on: the mean of the steps near the median step, and then the straight line through stamps
-    /// over rows that fits best; `None` where stamps give no period.
+    /// The rows of a tag's stamps; `None` where they give no period.
+    ///
+    /// The mean of the steps near the median step assigns the stamps to rows. The straight line of the stamps over their rows, by
+    /// least squares, then gives period and phase.
     pub fn of(series: &[Sample]) -> Option<Self> {
         Self::with(series, period(series)?)
     }
 
-    /// The same about a period.
+    /// The same, from a first estimate of the period (s).
     fn with(series: &[Sample], period: f64) -> Option<Self> {
         let t0 = series.first()?.t;
         let mut rows: Vec<f64> = Vec::with_capacity(series.len());
@@ -43,7 +47,7 @@ impl Lattice {
         Some(if same { exact } else { fitted })
     }
 
-    /// The straight line through the stamps of these rows.
+    /// The straight line of the stamps over these rows, by least squares.
     fn fitted(&self, series: &[Sample], rows: &[f64]) -> Option<Self> {
         let off: Vec<f64> =
             series.iter().zip(rows).map(|(s, row)| s.t - self.t0 - row * self.period).collect();
@@ -60,7 +64,7 @@ impl Lattice {
         (period.is_finite() && period > 0.0 && t0.is_finite()).then_some(Self { t0, period, jitter })
     }
 
-    /// The row that a time lies at.
+    /// The row, with a fraction, of a time (s).
     pub fn row(&self, t: f64) -> f64 {
         (t - self.t0) / self.period
     }
@@ -71,7 +75,7 @@ impl Lattice {
     }
 }
 
-/// The steps in time that are none of a repeated stamp.
+/// The steps in time between samples (s), without those of repeated stamps.
 fn steps(series: &[Sample]) -> Vec<f64> {
     series.windows(2).map(|w| w[1].t - w[0].t).filter(|d| *d > 0.0).collect()
 }
@@ -92,13 +96,15 @@ pub fn period(series: &[Sample]) -> Option<f64> {
     (period.is_finite() && period > 0.0).then_some(period)
 }
 
-/// The scans whose stamps OP and PV carry: both on one lattice, to within rounding, and each tag without the samples that
-/// repeat the one before.
+/// The scans of a source that reports only changes, with the stamps of its own clock; `None` where OP and PV do not come from one.
+///
+/// Conditions: all stamps lie on equal rows exactly; no sample of a tag repeats the one before; at least one tag leaves rows out;
+/// the tags were not polled, in turns or at a slower pace; and changes that are small are left out.
 pub fn of_source(op: &[Sample], pv: &[Sample], limits: ReadingLimits) -> Option<Lattice> {
     let mut both: Vec<Sample> = op.iter().chain(pv).copied().collect();
     both.sort_by(|a, b| a.t.total_cmp(&b.t));
     both.dedup_by(|later, earlier| later.t == earlier.t);
-    // Steps are multiples of the scan, not each of them one.
+    // Steps are multiples of the scan, so the shortest one is tried, and parts of it.
     let shortest = steps(&both).into_iter().fold(f64::INFINITY, f64::min);
     let far = |lattice: &Lattice| {
         both.iter().any(|s| {
@@ -112,31 +118,34 @@ pub fn of_source(op: &[Sample], pv: &[Sample], limits: ReadingLimits) -> Option<
     let is_source = of_changes(op) && of_changes(pv) && (thinned(op) || thinned(pv));
     let polled =
         in_turns(op, pv, both.len(), &lattice) || [op, pv].iter().any(|tag| in_step(tag, &lattice, limits));
-    (is_source && !polled && apart(op, &lattice) && apart(pv, &lattice)).then_some(lattice)
+    let leave_out_small = leaves_out_small(op, &lattice) && leaves_out_small(pv, &lattice);
+    (is_source && !polled && leave_out_small).then_some(lattice)
 }
 
-/// Whether no sample of a tag repeats the one before.
+/// Whether no sample of a tag repeats the value of the one before.
 fn of_changes(series: &[Sample]) -> bool {
     series.windows(2).all(|w| w[0].value != w[1].value)
 }
 
-/// Whether only a tag's changes were reported, so that it stood still at the rows without a sample: none repeats the one before,
-/// none is small, and they come at no pace of their own.
+/// Whether only the changes of a tag were reported, so that it kept its value at rows without a sample.
 ///
-/// `lattice`: rows no closer than the scans of the stamps, see [`scan_of_steps`]: every step is a multiple of several closer ones.
+/// Conditions: no sample repeats the one before, small changes are left out, and the samples come at no pace of their own.
+///
+/// * `lattice`: rows no closer than the scans that the stamps show ([`scan_of_steps`]), because every step is a multiple of a row
+///   that is close enough.
 pub fn reports_changes(series: &[Sample], lattice: &Lattice, limits: ReadingLimits) -> bool {
     let own = period(series).map_or(1.0, |own| own / lattice.period);
-    // Every step is a multiple of one row: a tag of that pace was polled where hardly a row is without a sample.
+    // Every step is a multiple of one row. So a tag with that pace was polled only if hardly a row is without a sample.
     let at_own = if (own - 1.0).abs() <= EXACT {
         at_every_row(series, lattice)
     } else {
         at_pace(&row_steps(series, lattice), own, limits)
     };
-    of_changes(series) && !at_own && !in_step(series, lattice, limits) && apart(series, lattice)
+    of_changes(series) && !at_own && !in_step(series, lattice, limits) && leaves_out_small(series, lattice)
 }
 
-/// The longest period of which the steps of OP and those of PV are multiples (s): a tag that changes seldom has a step of one scan
-/// now and then, or steps whose difference is one.
+/// The longest period (s) of which the steps of OP and PV are multiples: the scan of the controller where only changes are
+/// reported; `None` where there is none.
 pub fn scan_of_steps(op: &[Sample], pv: &[Sample], limits: ReadingLimits) -> Option<f64> {
     let mut steps = self::steps(op);
     steps.extend(self::steps(pv));
@@ -158,8 +167,10 @@ fn at_every_row(series: &[Sample], lattice: &Lattice) -> bool {
     series.len() as f64 > ON_CHANGE * rows
 }
 
-/// Whether OP and PV have a stamp in common more seldom than chance gives: a controller whose OP and PV change reports both at
-/// one scan, a poll that reads them in turns never does. `stamps`: those of either tag.
+/// Whether OP and PV share a stamp more seldom than by chance. A source whose OP and PV change at one scan reports both; a poll
+/// that reads them in turns never does.
+///
+/// * `stamps`: number of different stamps of both tags.
 fn in_turns(op: &[Sample], pv: &[Sample], stamps: usize, lattice: &Lattice) -> bool {
     let ends = [op.first(), pv.first(), op.last(), pv.last()].map(|s| s.map_or(0.0, |s| lattice.row(s.t)));
     let scans = ends[2].max(ends[3]) - ends[0].min(ends[1]) + 1.0;
@@ -168,38 +179,39 @@ fn in_turns(op: &[Sample], pv: &[Sample], stamps: usize, lattice: &Lattice) -> b
     common < by_chance - SELDOM * by_chance.sqrt()
 }
 
-/// Whether a tag has samples at every second, third, … scan alone: it was read at that pace, and may have changed in between.
+/// Whether a tag has samples only at every second, third, … scan. Then it was read at that pace, and may have changed in between.
 fn in_step(series: &[Sample], lattice: &Lattice, limits: ReadingLimits) -> bool {
     let steps = row_steps(series, lattice);
     (2..=SLOWEST).any(|pace| at_pace(&steps, f64::from(pace), limits))
 }
 
-/// Whether steps are multiples of a pace, to the row (rows).
+/// Whether nearly all steps are multiples of a pace, rounded to rows (rows).
 fn at_pace(steps: &[f64], pace: f64, limits: ReadingLimits) -> bool {
     let multiples = steps.iter().filter(|step| (**step - (**step / pace).round() * pace).abs() < 0.5).count();
     multiples as f64 >= limits.in_step * steps.len() as f64
 }
 
-/// The steps from sample to sample (rows).
+/// The steps in time between samples (rows).
 fn row_steps(series: &[Sample], lattice: &Lattice) -> Vec<f64> {
     series.windows(2).map(|w| (w[1].t - w[0].t) / lattice.period).collect()
 }
 
-/// Standard deviations by which common stamps are fewer than by chance, where tags are read in turns.
+/// Number of standard deviations by which common stamps are fewer than by chance, where tags are read in turns.
 const SELDOM: f64 = 3.0;
-/// Largest number of scans from one sample to the next of a tag that is read more slowly than the controller scans.
+/// Slowest pace that is tried for a tag that is read more slowly than the controller scans (scans).
 const SLOWEST: i32 = 60;
 
 /// Largest share of the scans at which a tag has a sample, where only its changes were reported.
 const ON_CHANGE: f64 = 0.95;
-/// Part of the median change below which a change is near none: one normal change in eight is smaller.
+/// Share of the median change below which a change is small: one normally distributed change in eight is.
 const NEAR_NONE: f64 = 0.25;
-/// Most of those near none, as a share of the changes, where small ones are not reported.
+/// Largest share of small changes where small ones are not reported.
 const FEW_NEAR_NONE: f64 = 0.02;
 
-/// Whether a tag that is not at every scan leaves out what changed too little: it has no small changes. Where samples are
-/// lost, small ones are among those that are left.
-fn apart(series: &[Sample], lattice: &Lattice) -> bool {
+/// Whether a tag has hardly any small changes, because the source does not report them, or has a sample at every scan.
+///
+/// Where samples are lost instead, small changes are among those that are left.
+fn leaves_out_small(series: &[Sample], lattice: &Lattice) -> bool {
     if series.is_empty() || at_every_row(series, lattice) {
         return !series.is_empty();
     }

@@ -1,25 +1,26 @@
-//! The limits by which OP and PV count as read together. They are judged; the example `read_apart` sweeps them.
+//! The limits by which OP and PV count as read together. They were set by judgement; the example `read_apart` varies them.
 
-/// Share of the steps from sample to sample that are multiples of one pace, where a tag is read at that pace: a change comes at any
+/// Least share of a tag's steps in time that are multiples of one pace, where the tag is read at that pace: changes come at any
 /// scan.
 const IN_STEP: f64 = 0.95;
-/// Part of a row's period by which OP and PV of one row are read apart: the controller has most likely acted in between.
+/// Least distance of OP and PV of one row that counts as read apart (rows): the controller has most likely acted in between.
 const APART: f64 = 0.25;
-/// Share of the rows that may be read apart in a record that says no: with one in four the others still decide.
+/// Largest share of rows that may be read apart in a record with the verdict `no_stiction`: with one in four the others still
+/// decide.
 const MOST_READ_APART: f64 = 0.25;
-/// The quantile of OP's steps by which the interval of f is widened where the controller's scans are not seen, or where OP and PV
-/// were read apart: OP moves so far in between where it moves fast.
+/// Quantile of OP's steps by which the interval of f is widened where the controller may have acted unseen: OP moves so far in
+/// between where it moves fast.
 const FAST: f64 = 0.95;
 
-/// The limits by which OP and PV count as read together; the defaults are what every published result uses, and no configuration
-/// has others.
+/// The limits by which OP and PV count as read together. Every published result uses the defaults, and no configuration changes
+/// them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReadingLimits {
-    /// Share of the steps from sample to sample that are multiples of one pace, where a tag is read at that pace (0..1).
+    /// Least share of a tag's steps in time that are multiples of one pace, where the tag is read at that pace (0..1).
     pub in_step: f64,
-    /// Distance from which OP and PV of one row are read apart (rows).
+    /// Least distance of OP and PV of one row that counts as read apart (rows).
     pub apart: f64,
-    /// Share of the rows that may be read apart in a record that says no (0..1).
+    /// Largest share of rows that may be read apart in a record with the verdict `no_stiction` (0..1).
     pub most_read_apart: f64,
     /// Quantile of OP's steps by which the interval of f is widened where the controller may have acted unseen (0..1).
     pub fast: f64,

@@ -1,47 +1,47 @@
-//! The controller's scans from when held values change.
+//! The period and the phase of the controller's scans, from the times at which held values change.
 //!
-//! Between two polls that found different values there was a scan; between two that found the same value there was most
-//! likely none. On a circle of one period a scan is where the intervals of changes lie and those without are not:
+//! Between two polls with different values there was a scan. Between two polls with the same value there was most likely none.
+//! So on a circle of one period T the intervals with a change cover the phase of the scan, and those without do not:
 //!
 //! ```text
-//! score(T, phase) = share of the changes whose interval covers the phase - share of the others that do
+//! score(T, phase) = share of the intervals with a change that cover the phase - share of those without a change that do
 //! ```
 //!
-//! 1 at the true period and phase, about 0 at others. Both tags are asked on their own, since PV may be read later than OP,
-//! and have to agree on the period.
+//! The score is 1 at the true period and phase, and about 0 at others. OP and PV have one period and may have different phases,
+//! because PV may be read later. The period is searched on a short part of the record first, then on longer parts around the best.
 
 use super::lattice::Lattice;
 use crate::signal::Sample;
 
-/// Places on the circle of one period.
+/// Number of places on the circle of one period.
 const PLACES: usize = 60;
-/// Least score at which scans are believed: a value that repeats itself by chance in every fifth scan leaves as much.
+/// Least score of scans that are believed: a value that repeats itself by chance in every fifth scan has about this score.
 const BELIEVED: f64 = 0.75;
-/// Fewest intervals without a change of a tag that say anything.
+/// Fewest intervals without a change that a tag must have.
 const LEAST_HELD: usize = 12;
-/// Least share of the intervals without a change that there have to be, of those that the period leaves.
+/// Least number of intervals without a change, as a share of the number that the period lets expect.
 const HELD: f64 = 0.6;
-/// Shortest and longest period tried, from the polls' and from the mean time between changes.
+/// Shortest period that is tried, in periods of the polls, and longest one, in mean times between changes.
 const PERIODS: [f64; 2] = [0.85, 1.15];
-/// Least share of the intervals that are shorter than a period, for it to be asked: the others say nothing.
+/// Least share of a tag's intervals that are shorter than a period: longer ones say nothing of it.
 const SHORTER: f64 = 0.3;
-/// Step of the periods tried, in periods over the stretch that is looked at.
+/// Step of the periods that are tried, as a share of T²/L: T the shortest period, L the length of the part.
 const STEP: f64 = 0.08;
-/// How much further before OP's scan than behind it PV's may lie (share of the period).
+/// By how much the scan of PV may lie further before that of OP than after it (share of the period).
 const EARLIER: f64 = 0.15;
-/// Intervals of the first look.
+/// Number of intervals of the first, shortest part.
 const FIRST: usize = 120;
-/// How many times more each further look has.
+/// Factor by which each further part is longer.
 const FURTHER: usize = 3;
-/// Candidates that go on to it.
+/// Number of candidates that go on to it.
 const KEPT: usize = 6;
-/// Most periods of the first look.
+/// Most periods that are tried on the first part.
 const MOST_PERIODS: f64 = 20_000.0;
-/// How far below the best a score is as good.
+/// Distance below the best score up to which a score is taken for as good.
 const LEVEL: f64 = 0.04;
-/// The same over the whole record.
+/// The same where the part is the whole record.
 const SHARP: f64 = 0.004;
-/// Periods tried to each side in the end, and twice as many phases; their steps as shares of those before.
+/// Number of periods that are tried to each side at the end, with twice as many phases, and their steps as shares of those before.
 const SHARPER: (i32, f64) = (10, 0.1);
 
 /// The controller's scans.
@@ -49,7 +49,8 @@ const SHARPER: (i32, f64) = (10, 0.1);
 pub struct Scan {
     /// Their period (s).
     pub period: f64,
-    /// When OP and PV become new, by the polls' stamps (s): PV before OP where it is read later.
+    /// A time at which OP becomes new, and one at which PV does, by the stamps of the polls (s). PV's is earlier where PV is read
+    /// later.
     pub phases: [f64; 2],
 }
 
@@ -69,16 +70,18 @@ struct Candidate {
     phases: [f64; 2],
 }
 
-/// Neighbouring periods that are as good: short stretches leave the period open.
+/// A run of neighbouring periods that are about as good, because a short part does not determine the period.
 #[derive(Clone, Copy, Debug)]
 struct Plateau {
-    /// Its middle.
+    /// The period in its middle.
     best: Candidate,
-    /// How far the true period may be from there (s).
+    /// Largest distance of the true period from the middle (s).
     reach: f64,
 }
 
-/// The scans that OP and PV tell; `None` where their values are not held, or polls come too seldom to see it.
+/// The controller's scans; `None` where the values are not held between scans, or the polls are too slow to show it.
+///
+/// * `polled`: the period of the polls.
 pub fn recognise(op: &[Sample], pv: &[Sample], polled: &Lattice) -> Option<Scan> {
     let t0 = polled.t0;
     let tags = [intervals(op, t0), intervals(pv, t0)];
@@ -86,9 +89,29 @@ pub fn recognise(op: &[Sample], pv: &[Sample], polled: &Lattice) -> Option<Scan>
     if tags.iter().any(|tag| tag.iter().filter(|i| !i.changed).count() < LEAST_HELD) || !longest.is_finite() {
         return None;
     }
-    let (least, most) = (PERIODS[0] * polled.period, PERIODS[1] * longest.max(polled.period));
+    let found = best_period(&tags, [PERIODS[0] * polled.period, PERIODS[1] * longest.max(polled.period)])?;
+    // A value that is new at every poll is not held: each poll is a sample then.
+    let expected = (1.0 - polled.period / found.period).max(0.0);
+    let held = |tag: &[Interval]| {
+        tag.iter().filter(|i| !i.changed).count() as f64 >= HELD * expected * tag.len() as f64
+    };
+    if !tags.iter().all(|tag| held(tag)) {
+        return None;
+    }
+    let found = sharpened(&tags, found);
+    let [of_op, mut of_pv] = found.phases;
+    // PV's scan is the one that is nearest to OP's. Of two about as near it is the earlier one, because a PV that is read late
+    // shows its scan early.
+    of_pv -= ((of_pv - of_op) / found.period + EARLIER).round() * found.period;
+    Some(Scan { period: found.period, phases: [t0 + of_op, t0 + of_pv] })
+}
+
+/// The period between `least` and `most` (s) with the best score, from a short part of the record to the whole of it.
+///
+/// `None` where no score is above [`BELIEVED`].
+fn best_period(tags: &[Vec<Interval>; 2], [least, most]: [f64; 2]) -> Option<Candidate> {
     let whole = tags[0].len().min(tags[1].len());
-    let middle = most_held(&tags, whole);
+    let middle = most_held(tags, whole);
     let about = |size: usize| {
         let from = middle.saturating_sub(size / 2).min(whole - size);
         tags.each_ref().map(|tag| &tag[from..from + size])
@@ -101,7 +124,7 @@ pub fn recognise(op: &[Sample], pv: &[Sample], polled: &Lattice) -> Option<Scan>
     let all = |i: usize| least + (most - least) * i as f64 / count.max(1) as f64;
     let mut best = plateaus((0..=count).map(|i| rated(&part, all(i))).collect(), step, LEVEL);
     while size < whole {
-        // A period that is true fits every part of the record.
+        // The true period fits every part of the record.
         best.retain(|plateau| plateau.best.score > BELIEVED - LEVEL);
         size = (size * FURTHER).min(whole);
         part = about(size);
@@ -115,23 +138,10 @@ pub fn recognise(op: &[Sample], pv: &[Sample], polled: &Lattice) -> Option<Scan>
         best = best.iter().flat_map(finer).collect();
         keep_best(&mut best);
     }
-    let found = best.first().map(|plateau| plateau.best).filter(|found| found.score > BELIEVED)?;
-    // A value that is newer at every poll is not held: its polls are its samples.
-    let expected = (1.0 - polled.period / found.period).max(0.0);
-    let held = |tag: &[Interval]| {
-        tag.iter().filter(|i| !i.changed).count() as f64 >= HELD * expected * tag.len() as f64
-    };
-    if !tags.iter().all(|tag| held(tag)) {
-        return None;
-    }
-    let found = sharpened(&tags, found);
-    let [of_op, mut of_pv] = found.phases;
-    // The nearer of PV's scans belongs to OP's; of two as near the one before, since PV read late shows its scan early.
-    of_pv -= ((of_pv - of_op) / found.period + EARLIER).round() * found.period;
-    Some(Scan { period: found.period, phases: [t0 + of_op, t0 + of_pv] })
+    best.first().map(|plateau| plateau.best).filter(|found| found.score > BELIEVED)
 }
 
-/// The period and the phases on a finer grid: a poll next to a scan must come to lie on its right side over all of the record.
+/// The period and the phases on a finer grid, so that a poll next to a scan lies on the right side of it in all of the record.
 fn sharpened(tags: &[Vec<Interval>; 2], about: Candidate) -> Candidate {
     let span = span(&tags[1]).max(about.period);
     let (most, step) = SHARPER;
@@ -149,7 +159,7 @@ fn sharpened(tags: &[Vec<Interval>; 2], about: Candidate) -> Candidate {
     middle(&tried).1
 }
 
-/// The middle of the best that stand side by side.
+/// The middle of the first run of entries with the largest score.
 fn middle<T: Copy>(tried: &[(f64, T)]) -> (f64, T) {
     let most = tried.iter().map(|one| one.0).fold(f64::NEG_INFINITY, f64::max);
     let first = tried.iter().position(|one| one.0 == most).unwrap_or(0);
@@ -157,7 +167,7 @@ fn middle<T: Copy>(tried: &[(f64, T)]) -> (f64, T) {
     tried[first + run / 2]
 }
 
-/// The score of one phase at a period.
+/// The score of one tag at a period and a phase (s).
 fn score(tag: &[Interval], period: f64, phase: f64) -> f64 {
     let mut covering = [0.0_f64; 2];
     let mut counts = [0.0_f64; 2];
@@ -169,10 +179,12 @@ fn score(tag: &[Interval], period: f64, phase: f64) -> f64 {
     covering[0] / counts[0].max(1.0) - covering[1] / counts[1].max(1.0)
 }
 
-/// The best stretches of neighbouring periods, by increasing period.
+/// The best runs of neighbouring periods; the periods come in increasing order, `step` apart.
+///
+/// * `level`: distance below the best score up to which a period is as good.
 fn plateaus(tried: Vec<Candidate>, step: f64, level: f64) -> Vec<Plateau> {
     let most = tried.iter().map(|candidate| candidate.score).fold(f64::NEG_INFINITY, f64::max);
-    // Short of the best by this a period is not ruled out by a few intervals more.
+    // A few more intervals would not rule out a period whose score is nearly the best.
     let good = |candidate: &Candidate| candidate.score > most - level;
     let runs = tried.chunk_by(|a, b| good(a) == good(b)).filter(|run| good(&run[0]));
     let mut found: Vec<Plateau> = runs
@@ -182,29 +194,32 @@ fn plateaus(tried: Vec<Candidate>, step: f64, level: f64) -> Vec<Plateau> {
     found
 }
 
+/// Keeps the plateaus that go on, the best first.
 fn keep_best(found: &mut Vec<Plateau>) {
     found.sort_by(|a, b| b.best.score.total_cmp(&a.best.score));
     found.truncate(KEPT);
 }
 
+/// The intervals between the samples of a tag; times are counted from `t0` (s).
 fn intervals(series: &[Sample], t0: f64) -> Vec<Interval> {
     let interval =
         |w: &[Sample]| Interval { from: w[0].t - t0, to: w[1].t - t0, changed: w[1].value != w[0].value };
     series.windows(2).map(interval).collect()
 }
 
-/// Mean time between changes, holes left out (s).
+/// The mean time between changes of value, without holes (s).
 fn between_changes(tag: &[Interval]) -> f64 {
     let short = 3.0 * crate::sysid::stats::median(&tag.iter().map(|i| i.to - i.from).collect::<Vec<f64>>());
     let near = || tag.iter().filter(|i| i.to - i.from < short);
     near().map(|i| i.to - i.from).sum::<f64>() / near().filter(|i| i.changed).count() as f64
 }
 
+/// The length of a part (s).
 fn span(tag: &[Interval]) -> f64 {
     tag.last().map_or(0.0, |last| last.to) - tag.first().map_or(0.0, |first| first.from)
 }
 
-/// The middle of the stretch with the most intervals without a change: there the scans show.
+/// The middle of the part with the most intervals without a change: there the scans show best.
 fn most_held(tags: &[Vec<Interval>; 2], whole: usize) -> usize {
     let size = FIRST.min(whole);
     let held =
@@ -213,10 +228,10 @@ fn most_held(tags: &[Vec<Interval>; 2], whole: usize) -> usize {
     from + size / 2
 }
 
-/// A stretch at a period: the mean of the tags' best scores.
+/// A period with its score on a part: the mean of the best scores of OP and PV.
 fn rated(part: &[&[Interval]; 2], period: f64) -> Candidate {
     let [op, pv] = part.map(|tag| best_phase(tag, period));
-    // A tag that changes at every poll of this stretch says nothing of it.
+    // A tag that changes at every poll of this part says nothing of the period.
     let score = match (op, pv) {
         (Some(op), Some(pv)) => 0.5 * (op.0 + pv.0),
         (Some(one), None) | (None, Some(one)) => one.0,
@@ -225,10 +240,12 @@ fn rated(part: &[&[Interval]; 2], period: f64) -> Candidate {
     Candidate { period, score, phases: [op, pv].map(|of| of.map_or(0.0, |of| of.1)) }
 }
 
-/// The largest score of a tag and its phase (s); `None` where it has nothing to say.
+/// The largest score of a tag at a period, and its phase (s); `None` where too few intervals are shorter than the period.
+///
+/// The intervals that cover each place of the circle are counted by their ends (a prefix sum).
 fn best_phase(tag: &[Interval], period: f64) -> Option<(f64, f64)> {
     let per = PLACES as f64 / period;
-    // How often each place is entered less how often it is left, by intervals with and without a change.
+    // For each place: intervals that begin there less those that end there, with a change and without.
     let mut turns = [[0.0_f64; PLACES + 1]; 2];
     let mut counts = [0.0_f64; 2];
     for interval in tag.iter().filter(|i| i.to - i.from < period) {
@@ -259,7 +276,7 @@ fn best_phase(tag: &[Interval], period: f64) -> Option<(f64, f64)> {
         *score = changed / counts[0] - held / counts[1];
     }
     let most = scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    // The middle of the places that are about as good, from the best on in both directions.
+    // The middle of the places about as good as the best, to both sides of it.
     let at = scores.iter().position(|score| *score == most).unwrap_or(0);
     let good = |i: isize| scores[(at as isize + i).rem_euclid(PLACES as isize) as usize] > most - 0.02;
     let after = (1..PLACES as isize).take_while(|i| good(*i)).count() as f64;

@@ -90,6 +90,12 @@ fn polls_slower_than_scans_stay_on_the_polls() {
     let (found, rows) = seen(&scans(800, 1.0), &How::Polled(poll), 4);
     assert_eq!((found.recovered, found.scan_s, found.polls_per_scan), (false, None, None));
     assert!((found.poll_s.expect("polled") - 2.3).abs() < 1e-3);
+    assert_eq!(
+        found.sentence().as_deref(),
+        Some(
+            "the controller may act between two polls: for a narrower interval of f poll at least twice per scan"
+        )
+    );
     // Each poll is a row of its own, and none is between two.
     assert!(rows.iter().flatten().all(Option::is_some));
 }
@@ -279,6 +285,7 @@ fn the_sentence_is_said_where_it_matters() {
         jitter_s: Some(0.0),
         polls_per_scan: Some(2.0),
         recovered: true,
+        ts_given: false,
         pv_late_s: 0.0,
     };
     assert_eq!(
@@ -294,6 +301,40 @@ fn the_sentence_is_said_where_it_matters() {
              before PV shows the change; diagnosed with PV moved back"
         )
     );
+}
+
+#[test]
+fn polls_that_leave_scans_out_are_told_what_to_do_in_each_case() {
+    let slow = Acquisition { poll_s: Some(2.3), jitter_s: Some(0.1), ..Acquisition::default() };
+    let said = |found: Acquisition| found.sentence().unwrap_or_default();
+    // The period of the scans is not known, so that nothing is said of their number.
+    assert_eq!(
+        said(slow),
+        "the controller may act between two polls: for a narrower interval of f poll at least twice per scan"
+    );
+    // With a given period the scans are not sought, however fast the polls are.
+    let fast = Poll { phase: 0.4, jitter: 0.05, ..Poll::every(0.5) };
+    let record = acquire(&scans(400, 1.0), &How::Polled(fast), 4);
+    let (given, _) = recognised(&record.op, &record.pv, Some(1.0)).expect("a period is given");
+    assert_eq!(
+        said(given),
+        "the controller may act between two polls: for a narrower interval of f give no sample period and poll at least twice per \
+         scan"
+    );
+    // Without it they are found.
+    let (found, _) = recognised(&record.op, &record.pv, None).expect("stamps give a period");
+    assert!(said(found).starts_with("polled twice per controller scan of 1 s"), "{}", said(found));
+    // Polls that hardly lag behind the scans show them.
+    let known = Acquisition { scan_s: Some(2.0), polls_per_scan: Some(0.87), recovered: true, ..slow };
+    assert_eq!(
+        said(known),
+        "about 1.1 controller scans of 2 s pass per poll; diagnosed at the controller's ticks, of which those between polls are \
+         missing; poll at least once per scan"
+    );
+    // Exact stamps are those of the scans.
+    assert_eq!(Acquisition { jitter_s: Some(1e-4), ..slow }.sentence(), None);
+    let both = said(Acquisition { pv_late_s: 2.3, ..slow });
+    assert!(both.contains("twice per scan; PV is recorded 2.3 s late"), "{both}");
 }
 
 #[test]

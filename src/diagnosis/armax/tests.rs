@@ -1,6 +1,7 @@
 //! From hand values over exact recovery to bounded error.
 
 use super::*;
+use crate::sysid::least_squares::dot;
 use crate::sysid::zeros::{outward, zeros};
 use nalgebra::DMatrix;
 use proptest::prelude::*;

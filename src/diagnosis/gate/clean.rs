@@ -1,29 +1,36 @@
-//! One tag's samples in the order of time, freed of what is no measurement.
+//! The samples of one tag in the order of time, without those that are no measurements.
 
-use crate::diagnosis::{NotIdentifiable, Preparation};
+use crate::diagnosis::not_identifiable::NotIdentifiable;
+use crate::diagnosis::preparation::Preparation;
 use crate::signal::{LARGEST_VALUE, Limits, Quality, Sample, are_measured, outages};
 
-/// One tag's good samples in order of time.
+/// The good samples of one tag, and how many there were of which kind.
 pub struct Clean {
-    /// Those that are kept.
+    /// The samples that are kept, in the order of time; no stamp twice.
     pub kept: Vec<Sample>,
-    /// Before those with the same stamp were taken for one.
+    /// Number of good samples, repeated stamps included.
     good: usize,
+    /// Number of all samples.
     offered: usize,
+    /// Number of stale samples.
     stale: usize,
+    /// Number of samples whose value is too large to compute with.
     too_large: usize,
 }
 
-/// What a zero far from a tag's other values is.
+/// The meaning of a zero that is far from the other values of a tag.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Zero {
-    /// No measurement: that of a signal which was lost, as OP, PV and the stem are.
+    /// A lost signal, for OP, PV and the stem.
     DropOut,
     /// A value like any other: a set point may be zero for a while, and a pump is on or off.
     Value,
 }
 
-/// Sorts, de-duplicates and drops what is not good; `limits`: those of OP, for a tag that has them.
+/// Sorts the samples of a tag, removes repeated stamps, and drops samples that are no measurements.
+///
+/// * `limits`: the limits of OP, for OP and the stem: at a limit a zero may be a value.
+/// * `preparation`: receives the numbers of repeated stamps and of samples out of order.
 pub fn clean(series: &[Sample], zero: Zero, limits: Option<Limits>, preparation: &mut Preparation) -> Clean {
     let mut kept: Vec<Sample> = series.iter().filter(|s| is_usable(s)).copied().collect();
     let disorder = kept.windows(2).filter(|w| w[1].t < w[0].t).count();
@@ -48,7 +55,7 @@ fn is_usable(s: &Sample) -> bool {
     s.quality.is_good() && s.t.is_finite() && s.value.is_finite() && s.value.abs() < LARGEST_VALUE
 }
 
-/// Drops from the usable samples of a series what is written where nothing was measured.
+/// Drops the values that loggers write where nothing was measured.
 fn drop_outages(kept: &mut Vec<Sample>, series: &[Sample], zero: Zero, limits: Option<Limits>) {
     let mut outages = outages(kept);
     outages.retain(|value| zero == Zero::DropOut || *value != 0.0);
@@ -62,14 +69,14 @@ fn drop_outages(kept: &mut Vec<Sample>, series: &[Sample], zero: Zero, limits: O
     kept.retain(|_| are_measured.next().unwrap_or(false));
 }
 
-/// The share of the samples that a period of `ts` asks for and that are not there.
+/// The share of missing samples (0..1) at a sample period of `ts` (s).
 pub fn missing_share(kept: &[Sample], ts: f64) -> f64 {
     let (Some(first), Some(last)) = (kept.first(), kept.last()) else { return 1.0 };
     let asked = (last.t - first.t) / ts + 1.0;
     (1.0 - kept.len() as f64 / asked).clamp(0.0, 1.0)
 }
 
-/// Why too few good samples are left.
+/// The reason why only `n` good samples are left, where `need` are needed.
 pub fn shortage(op: &Clean, pv: &Clean, n: usize, need: usize) -> NotIdentifiable {
     let worst = if op.kept.len() < pv.kept.len() { op } else { pv };
     if worst.offered < need {
@@ -81,7 +88,7 @@ pub fn shortage(op: &Clean, pv: &Clean, n: usize, need: usize) -> NotIdentifiabl
     if worst.too_large * 2 > worst.offered {
         return NotIdentifiable::OutOfScale;
     }
-    // Good samples whose stamps all coincide leave one after de-duplication.
+    // Of good samples with one stamp a single one is left.
     if worst.kept.len() <= 1 && worst.good * 2 > worst.offered {
         return NotIdentifiable::NoTimeBase;
     }

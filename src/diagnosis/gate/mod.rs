@@ -1,9 +1,10 @@
 //! The gate: from a raw record to a window on equal rows, or the reason why there is none.
 //!
-//! Sorts and de-duplicates each tag, drops what is not good (quality, not finite, drop-outs, not in automatic), asks
-//! how the record was acquired ([`super::acquisition`]) and puts the longest stretch on the controller's ticks, else on the
-//! polls. What was not measured is missing and does not count: OP and PV are there what the loop makes likeliest
-//! ([`crate::sysid::missing`]).
+//! 1. `clean`: each tag is sorted. Repeated stamps and samples that are no measurements are dropped.
+//! 2. [`super::acquisition`]: how the record was acquired. The rows are the controller's ticks where they show, else the polls.
+//! 3. `stretches`: one stretch in automatic without a long hole becomes the window: the longest.
+//! 4. [`crate::sysid::missing`]: where OP or PV was not measured, both get their likeliest values. Such a row does not count.
+//! 5. `refuse`: the rules that refuse a window.
 
 mod clean;
 mod refuse;
@@ -11,27 +12,31 @@ mod stretches;
 
 use super::acquisition::{self, Acquisition, Answer, Placed};
 use super::history_kind::{HistoryKind, recognise};
-use super::{NotIdentifiable, Preparation, Settings};
+use super::not_identifiable::NotIdentifiable;
+use super::preparation::Preparation;
+use super::settings::Settings;
 use crate::signal::{Limits, Record, Row, Sample, Window, is_limit};
 use crate::sysid::missing::likeliest;
 use clean::{Zero, clean, missing_share, shortage};
 use refuse::refuse;
-use stretches::{Modes, intersect, lasting, longest, runs};
+use stretches::{Modes, intersect, lasting, longest, longest_of, runs};
 
-/// Most rows for each sample there is; more would be invented.
+/// Most rows for each sample: more would not be measured.
 const MOST_POINTS: usize = 20;
-/// Rows that a slope of OP beside a hole is taken from: an error of the first or the last moves it by a quarter of itself.
+/// Number of rows from which the slope of OP beside a hole is taken: an error of the first or the last moves it by a quarter of
+/// itself.
 const SLOPE: usize = 5;
-/// Missing share from which a record that is too short is one with gaps: fewer samples would hardly make it long enough.
+/// Share of missing samples above which the reason for too few rows is gaps, and not that the record is too short: fewer missing
+/// samples would hardly make it long enough.
 const FEW_MISSING: f64 = 0.01;
 
-/// What the gate passes on, or why it does not; the preparation is told either way.
+/// The window and its preparation, or the reason why there is no window, with the preparation so far.
 pub type Gated = Result<(Window, Preparation), Box<(NotIdentifiable, Preparation)>>;
 
-/// Makes a window of a record.
+/// Makes a window of a record: equal rows, each with OP and PV.
 ///
 /// # Errors
-/// The reason why the record says nothing about the valve, with what was learned of it on the way.
+/// The reason why the record says nothing about the valve, and the preparation so far.
 pub fn gate(record: &Record, settings: &Settings) -> Gated {
     let mut preparation = Preparation { decimation: 1, reading: settings.reading, ..Preparation::default() };
     let op = clean(&record.input(), Zero::DropOut, record.limits(), &mut preparation);
@@ -44,32 +49,25 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
         let n = op.kept.len().min(pv.kept.len());
         return stop(shortage(&op, &pv, n, need), &preparation);
     }
-    let given = settings.ts.filter(|ts| !(ts.is_finite() && *ts > 0.0));
+    let unusable_ts = settings.ts.filter(|ts| !(ts.is_finite() && *ts > 0.0));
     let history = preparation.history.as_deref();
     let Some((acquired, mut placed)) =
         acquisition::recognise(&op.kept, &pv.kept, settings.ts, history, settings.reading)
-            .filter(|_| given.is_none())
+            .filter(|_| unusable_ts.is_none())
     else {
         return stop(NotIdentifiable::NoTimeBase, &preparation);
     };
     if acquired.recovered && history.is_some_and(|found| found.kind == HistoryKind::Held) {
-        // Values held between scans are no archive's doing, and are one sample a scan now.
+        // The controller held these values between its scans, not an archive. On its ticks they are one sample for each scan.
         preparation.history = None;
     }
     let ts = placed.rows.period;
     preparation.acquisition = Some(Box::new(acquired));
-    // A reading that several rows repeat would count as several, unless one fitted row has them all.
+    // A measurement that several rows repeat would count several times.
     preparation.carried = settings.ts.and_then(|_| placed.coarser_readings(&op.kept, &pv.kept));
-    let stretches = match stretches_of(record, &placed, &op.kept, &pv.kept, need) {
-        Ok(stretches) => stretches,
+    let (from, to) = match stretch_of_window(record, &placed, (&op.kept, &pv.kept), settings) {
+        Ok(stretch) => stretch,
         Err(reason) => return stop(reason, &preparation),
-    };
-    let Some(&(from, to)) = stretches.iter().rev().max_by(|a, b| (a.1 - a.0).total_cmp(&(b.1 - b.0))) else {
-        let share = 1.0;
-        let by_mode = record.mode.is_some();
-        let reason =
-            if by_mode { NotIdentifiable::Gaps { share } } else { NotIdentifiable::ReadApart { share } };
-        return stop(reason, &preparation);
     };
     let rows = placed.row_of(to) - placed.row_of(from) + 1.0;
     let most = (MOST_POINTS * (op.kept.len() + pv.kept.len())) as f64;
@@ -78,8 +76,8 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
     }
     let there = (within(&op.kept, from, to), within(&pv.kept, from, to));
     let (first, rows) = (placed.row_of(from) as i64, rows.max(0.0) as usize);
-    let told = answer(record, &placed, there, first, rows);
-    (placed.pv_late, placed.of_one_scan) = (told.pv_late, told.of_one_scan);
+    let answered = answer(record, &placed, there, first, rows);
+    (placed.pv_late, placed.of_one_scan) = (answered.pv_late, answered.of_one_scan);
     let pv_late_s = placed.pv_late as f64 * ts;
     preparation.acquisition = Some(Box::new(Acquisition { pv_late_s, ..acquired }));
     preparation.read_apart = placed.read_apart(there.0, there.1, first, rows);
@@ -105,8 +103,24 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
     }
 }
 
-/// The share of the rows with a sample that have one of the two tags alone, where OP and PV were read in turns: each is missing
-/// where the other is there, in more rows than have both.
+/// The stretch that becomes the window (s), or the reason why there is none.
+fn stretch_of_window(
+    record: &Record,
+    placed: &Placed,
+    (op, pv): (&[Sample], &[Sample]),
+    settings: &Settings,
+) -> Result<(f64, f64), NotIdentifiable> {
+    let stretches = stretches_of(record, placed, op, pv, settings.min_samples)?;
+    longest_of(&stretches).ok_or_else(|| {
+        let share = 1.0;
+        let by_mode = record.mode.is_some();
+        if by_mode { NotIdentifiable::Gaps { share } } else { NotIdentifiable::ReadApart { share } }
+    })
+}
+
+/// The share of rows with only one of OP and PV, among the rows with a sample, where the two were read in turns; else `None`.
+///
+/// They were read in turns where each is alone in more rows than have both.
 fn in_turns(placed: &Placed, (op, pv): (&[Sample], &[Sample]), from: i64, n: usize) -> Option<f64> {
     let (op, pv) = (placed.op(op, from, n), placed.pv(pv, from, n));
     let count = |wanted: (bool, bool)| {
@@ -117,7 +131,7 @@ fn in_turns(placed: &Placed, (op, pv): (&[Sample], &[Sample]), from: i64, n: usi
     (op_alone.min(pv_alone) > both).then(|| alone as f64 / (alone + both) as f64)
 }
 
-/// The samples from one time to another.
+/// The samples from one time to another (s).
 fn within(kept: &[Sample], from: f64, to: f64) -> &[Sample] {
     let begin = kept.partition_point(|s| s.t < from);
     let end = kept.partition_point(|s| s.t <= to);
@@ -133,8 +147,8 @@ fn stretches_of(
     need: usize,
 ) -> Result<Vec<(f64, f64)>, NotIdentifiable> {
     let ts = placed.rows.period;
-    // A tag polled more slowly than the rows is held in between, not torn into stretches; of changes, either tag's tell
-    // that the source was there.
+    // A tag that is polled more slowly than the rows is held in between, so its own period decides what a hole is. Where only
+    // changes are reported, a sample of either tag shows that the source was there.
     let own = |series: &[Sample]| acquisition::period(series).unwrap_or(ts).max(ts);
     let mut stretches = if placed.of_changes() {
         let mut both: Vec<Sample> = op.iter().chain(pv).copied().collect();
@@ -155,8 +169,10 @@ fn stretches_of(
     Ok(stretches)
 }
 
-/// Why stretches with OP and PV are not in automatic for long enough (s). Of a mode that cannot be read nobody knows whether it was
-/// automatic; but of a loop that is known to be in another mode now, and was for most of the time, that is what is to be told.
+/// The reason where no stretch with OP and PV is known to be in automatic for `least` seconds.
+///
+/// It is an unknown mode where the loop may have been in automatic for long enough while its mode could not be read. But where the
+/// loop is known to be in another mode at the end, and the mode was known for most of the time, it is that mode.
 fn not_automatic(stretches: &[(f64, f64)], modes: &Modes, least: f64) -> NotIdentifiable {
     let time = lasting(stretches);
     let share = |of: &[(f64, f64)]| lasting(&intersect(stretches, of)) / time;
@@ -172,7 +188,7 @@ fn not_automatic(stretches: &[(f64, f64)], modes: &Modes, least: f64) -> NotIden
     }
 }
 
-/// What the controller computed of which PV: OP without what write-back added to it.
+/// From which PV the controller computed OP ([`acquisition::answer`]), on the rows; OP is taken without the term of write-back.
 fn answer(record: &Record, placed: &Placed, (op, pv): (&[Sample], &[Sample]), from: i64, n: usize) -> Answer {
     let own = |(k, value): (usize, Option<f64>)| {
         value.map(|value| value - record.term_at(placed.rows.time((from + k as i64) as f64)))
@@ -183,7 +199,9 @@ fn answer(record: &Record, placed: &Placed, (op, pv): (&[Sample], &[Sample]), fr
     acquisition::answer(&op, &placed.pv(pv, from, n), sp.as_deref())
 }
 
-/// The window of `n` rows from row `from` on, without missing rows at its ends.
+/// The window of `n` rows from row `from` on, without the missing rows at its ends.
+///
+/// Where OP or PV is missing inside, both have the likeliest values ([`likeliest`]), and the row does not count.
 fn fill(record: &Record, placed: &Placed, (op, pv): (&[Sample], &[Sample]), from: i64, n: usize) -> Window {
     let pv = placed.pv(pv, from, n);
     let op = without_lost_limits(placed.op(op, from, n), &pv, record.op_limits);
@@ -205,14 +223,14 @@ fn fill(record: &Record, placed: &Placed, (op, pv): (&[Sample], &[Sample]), from
         overlaps.then(|| held(&without_drop_outs(placed.other(kept, from, n), &missing)))
     };
     let other = |series: &[Sample]| on_rows(&cleaned(series, Zero::Value, None));
-    // A stem that is read more slowly than the rows would stand between its samples, as one that sticks does. Where OP stays at a
-    // limit the stem is there, too.
+    // A stem that is read more slowly than the rows is left out: between its samples it would stand still, as one that sticks does.
+    // Its values at the limits of OP are kept, because a stem may be there.
     let as_fast = |kept: &Vec<Sample>| placed.of_changes() || !placed.is_slower(kept);
     let stem = record.mv.as_deref().map(|stem| cleaned(stem, Zero::DropOut, record.limits()));
     let stem = stem.filter(as_fast);
     let sp = record.sp.as_deref().and_then(|sp| set_point(sp, placed, from, &missing));
     let (op, pv) = (&op[first..=last], &pv[first..=last]);
-    let [op, pv] = likeliest(op, pv, [carried_on(op), drawn_through(pv)], sp.as_deref());
+    let [op, pv] = likeliest(op, pv, [filled_by_cubic(op), filled_by_line(pv)], sp.as_deref());
     Window {
         t0: placed.rows.time(from as f64),
         ts: placed.rows.period,
@@ -225,7 +243,7 @@ fn fill(record: &Record, placed: &Placed, (op, pv): (&[Sample], &[Sample]), from
     }
 }
 
-/// OP on rows, without its limits where PV is missing: a link that was lost may have written zero into both, and zero may be a limit.
+/// OP on rows, without values at its limits where PV is missing: a lost link may write zero into both, and zero may be a limit.
 fn without_lost_limits(
     op: Vec<Option<f64>>,
     pv: &[Option<f64>],
@@ -236,14 +254,15 @@ fn without_lost_limits(
     op.into_iter().zip(pv).map(known).collect()
 }
 
-/// A tag's values on rows, without zeros where OP or PV is missing: a link that was lost may have written zero into every tag.
+/// A tag's values on rows, without zeros where OP or PV is missing: a lost link may write zero into every tag.
 fn without_drop_outs(values: Vec<Option<f64>>, missing: &[bool]) -> Vec<Option<f64>> {
     let kept = |(value, missing): (Option<f64>, &bool)| value.filter(|value| *value != 0.0 || !missing);
     values.into_iter().zip(missing).map(kept).collect()
 }
 
-/// The set point on the rows from row `from` on, at some of which OP or PV is missing. It holds until something else is known of
-/// it, also where it was reported before the window and did not change since; one that could not be read since is not known.
+/// The set point on the rows from row `from` on; `missing` says where OP or PV is missing.
+///
+/// It holds until its next sample, also where its last sample is before the window. `None` where it could not be read since then.
 fn set_point(series: &[Sample], placed: &Placed, from: i64, missing: &[bool]) -> Option<Vec<f64>> {
     let n = missing.len();
     let kept = clean(series, Zero::Value, None, &mut Preparation::default()).kept;
@@ -257,12 +276,12 @@ fn set_point(series: &[Sample], placed: &Placed, from: i64, missing: &[bool]) ->
     Some(held_from(before, &without_drop_outs(placed.other(&kept, from, n), missing)))
 }
 
-/// The last known value where one is missing, and the first where none is known yet.
+/// The last value where one is missing, and the first one before it.
 fn held(values: &[Option<f64>]) -> Vec<f64> {
     held_from(None, values)
 }
 
-/// The last known value where one is missing, beginning with that of before where there is one.
+/// The last value where one is missing; `before`: the value before the first row, where it is known.
 fn held_from(before: Option<f64>, values: &[Option<f64>]) -> Vec<f64> {
     let mut last = before.or_else(|| values.iter().copied().flatten().next()).unwrap_or(0.0);
     let mut next = |value: &Option<f64>| {
@@ -272,9 +291,10 @@ fn held_from(before: Option<f64>, values: &[Option<f64>]) -> Vec<f64> {
     values.iter().map(&mut next).collect()
 }
 
-/// The last known value where one is missing. Through a hole of several OP did not stand still: there it goes on as it came and
-/// as it leaves, a cubic with the slopes at both ends, so that a turn inside is not lost to the stem.
-fn carried_on(values: &[Option<f64>]) -> Vec<f64> {
+/// The last value where one row is missing, and a cubic through a hole of several rows, with the slopes at both of its ends.
+///
+/// OP did not stand still through such a hole. With the cubic the stem does not miss a turn of OP inside.
+fn filled_by_cubic(values: &[Option<f64>]) -> Vec<f64> {
     let mut out = held(values);
     let slope = |rows: &mut dyn Iterator<Item = usize>| -> f64 {
         let known: Vec<f64> = rows.map_while(|k| *values.get(k)?).collect();
@@ -292,7 +312,7 @@ fn carried_on(values: &[Option<f64>]) -> Vec<f64> {
             for (i, out) in out[at..end].iter_mut().enumerate() {
                 let t = (i + 1) as f64 / width;
                 let (s, t2) = (1.0 - t, t * t);
-                // Hermite's cubic: values and slopes at 0 and 1.
+                // The cubic of Hermite, by the values and the slopes at both ends.
                 *out = s * s * ((1.0 + 2.0 * t) * before + t * came)
                     + t2 * ((1.0 + 2.0 * s) * after - s * leaves);
             }
@@ -302,8 +322,8 @@ fn carried_on(values: &[Option<f64>]) -> Vec<f64> {
     out
 }
 
-/// A straight line where values are missing: where PV begins to look for its prediction.
-fn drawn_through(values: &[Option<f64>]) -> Vec<f64> {
+/// A straight line where values are missing: the first guess of PV.
+fn filled_by_line(values: &[Option<f64>]) -> Vec<f64> {
     let mut out = held(values);
     let mut last: Option<usize> = None;
     for (k, value) in values.iter().enumerate() {
@@ -319,7 +339,7 @@ fn drawn_through(values: &[Option<f64>]) -> Vec<f64> {
     out
 }
 
-/// Notes the window's extent.
+/// Notes the extent of the window.
 pub fn describe(window: &Window, preparation: &mut Preparation) {
     preparation.n = window.len();
     preparation.ts = window.ts;
@@ -328,7 +348,7 @@ pub fn describe(window: &Window, preparation: &mut Preparation) {
     preparation.missing = window.missing();
 }
 
-/// Worst distance between a PV stamp and its nearest OP stamp (s).
+/// The largest distance between the stamp of a PV sample and the nearest stamp of OP (s).
 fn worst_skew(op: &[Sample], pv: &[Sample], from: f64, to: f64) -> f64 {
     let mut worst = 0.0_f64;
     let mut i = 0;

@@ -1,15 +1,19 @@
-//! What disqualifies an otherwise complete window, and the rows that say nothing of the valve.
+//! The rules that refuse a complete window: gaps, flat OP, flat or frozen PV, OP at a limit. Rows at a limit do not count.
 
-use crate::diagnosis::{NotIdentifiable, Preparation, Settings};
+use crate::diagnosis::not_identifiable::NotIdentifiable;
+use crate::diagnosis::preparation::Preparation;
+use crate::diagnosis::settings::Settings;
 use crate::signal::{AT_LIMIT, Record, Row, Window};
 use crate::sysid::stats::range;
 
-/// Share of samples at an OP limit above which only those between the limits count: a few do no harm.
+/// Share of samples at a limit of OP above which only the samples between the limits count: a few do no harm.
 const SATURATED_SHARE: f64 = 0.3;
-/// Share of the window that one unchanging PV value may cover: beyond it less than half is left to judge.
+/// Largest share of the window with one unchanging value of PV: above it less than half is left to judge.
 const FROZEN_SHARE: f64 = 0.5;
 
-/// Why a window says nothing; where OP is at a limit for much of it, the rows there no longer count.
+/// The reason why a window says nothing about the valve; `None` where it passes.
+///
+/// Where OP is at a limit for much of the window, the rows there become [`Row::Silent`].
 pub fn refuse(
     w: &mut Window,
     record: &Record,
@@ -23,7 +27,7 @@ pub fn refuse(
     let at_limit = at_limits(&w.op, record.op_limits);
     let share = at_limit.iter().filter(|at| **at).count() as f64 / w.len().max(1) as f64;
     let saturated = NotIdentifiable::Saturated { share };
-    // At a limit all the time OP is flat too; that it is at its stop says more.
+    // An OP that is always at its limit is flat as well; the limit says more.
     if is_flat(&w.op) {
         let known = record.op_limits.is_some() && share > SATURATED_SHARE;
         return Some(if known { saturated } else { NotIdentifiable::FlatOp });
@@ -40,7 +44,7 @@ pub fn refuse(
     (w.counted() < settings.min_samples).then_some(saturated)
 }
 
-/// True when the values differ by no more than rounding.
+/// Whether the values differ by no more than rounding.
 fn is_flat(v: &[f64]) -> bool {
     let (low, high) = range(v);
     high - low <= 1e-9 * low.abs().max(high.abs())
@@ -51,7 +55,7 @@ fn longest_constant_run(v: &[f64]) -> usize {
     v.chunk_by(|a, b| a == b).map(<[f64]>::len).max().unwrap_or(0)
 }
 
-/// Where OP is at an output limit: the given limits, or else flat stretches at the record's own extremes.
+/// Whether OP is at an output limit, for each sample: at the given limits, or else in flat stretches at the extremes of the record.
 fn at_limits(op: &[f64], limits: Option<(f64, f64)>) -> Vec<bool> {
     if let Some((low, high)) = limits {
         let margin = 1e-3 * (high - low).abs();

@@ -1,13 +1,13 @@
-//! Stretches of time in which a tag is there, or the loop in automatic.
+//! Stretches of time in which a tag has samples, or the loop is in automatic.
 
 use crate::signal::Sample;
 
-/// A hole of more than this many sample periods ends a stretch: what the stem did meanwhile nobody knows.
+/// Longest hole inside a stretch (sample periods): nobody knows what the stem does in a longer one.
 const LONGEST_HOLE: f64 = 60.0;
-/// A mode that cannot be read is the last known one for so many sample periods: a few lost polls are no change of mode.
+/// Time for which a mode that cannot be read is the last known one (sample periods): a few lost polls are no change of mode.
 const MODE_LOST: f64 = 6.0;
 
-/// Stretches `[from, to]` of samples without a long hole (s).
+/// The stretches `[from, to]` of samples without a long hole (s); `ts`: sample period (s).
 pub fn runs(kept: &[Sample], ts: f64) -> Vec<(f64, f64)> {
     let mut found: Vec<(f64, f64)> = Vec::new();
     for s in kept {
@@ -19,7 +19,7 @@ pub fn runs(kept: &[Sample], ts: f64) -> Vec<(f64, f64)> {
     found
 }
 
-/// Stretches of time by the controller's mode (s); in what is left of the time the mode is not known.
+/// The stretches of time by the mode of the controller (s); between them the mode is not known.
 pub struct Modes {
     /// In automatic.
     pub automatic: Vec<(f64, f64)>,
@@ -28,8 +28,8 @@ pub struct Modes {
 }
 
 impl Modes {
-    /// Of the mode's samples. A change of mode takes effect at its stamp; a mode that cannot be read is the last known one for a
-    /// while.
+    /// The stretches by the samples of the mode. A mode holds from its stamp on; one that cannot be read is the last known one
+    /// for a few samples.
     pub fn of(mode: &[Sample], ts: f64) -> Self {
         let mut samples: Vec<Sample> = mode.iter().filter(|s| s.t.is_finite()).copied().collect();
         samples.sort_by(|a, b| a.t.total_cmp(&b.t));
@@ -78,17 +78,23 @@ impl Modes {
     }
 }
 
-/// The time that stretches last together (s).
+/// The sum of the lengths of the stretches (s).
 pub fn lasting(stretches: &[(f64, f64)]) -> f64 {
     stretches.iter().map(|(from, to)| to - from).sum()
 }
 
-/// How long the longest of the stretches lasts (s).
+/// The length of the longest stretch (s).
 pub fn longest(stretches: &[(f64, f64)]) -> f64 {
     stretches.iter().map(|(from, to)| to - from).fold(0.0, f64::max)
 }
 
-/// The overlaps of two ordered lists of stretches.
+/// The longest stretch (s), of equally long ones the first.
+pub fn longest_of(stretches: &[(f64, f64)]) -> Option<(f64, f64)> {
+    let lasts = |own: &(f64, f64)| own.1 - own.0;
+    stretches.iter().rev().max_by(|a, b| lasts(a).total_cmp(&lasts(b))).copied()
+}
+
+/// The overlaps of two ordered lists of stretches (s).
 pub fn intersect(a: &[(f64, f64)], b: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let (mut i, mut j) = (0, 0);
     let mut found = Vec::new();
@@ -109,6 +115,12 @@ mod tests {
 
     fn bad(t: f64) -> Sample {
         Sample { t, value: f64::NAN, quality: Quality::Bad(BadReason::Timeout) }
+    }
+
+    #[test]
+    fn of_equally_long_stretches_the_first_is_taken() {
+        assert_eq!(longest_of(&[(0.0, 90.0), (200.0, 500.0), (600.0, 900.0)]), Some((200.0, 500.0)));
+        assert_eq!(longest_of(&[]), None);
     }
 
     #[test]

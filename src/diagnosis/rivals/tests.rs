@@ -61,7 +61,7 @@ fn a_fit_with_more_columns_is_least_squares() {
     let u = wander(500, 3);
     let p = problem(u.clone(), &u, &noise(500, 4, 0.1));
     let extra = harmonic_columns(&p, 0.3, 2);
-    let got = Fitter::new(&p, &p.u).loss(&extra);
+    let got = Fitter::new(&p, &p.u).loss(extra.clone());
     let (n, nx) = (p.y.len(), Screen::input_lags(MAX_DELAY));
     let column = |v: &[f64], lag: usize| -> Vec<f64> { v[p.first - lag..n - lag].to_vec() };
     let columns: Vec<nalgebra::DVector<f64>> = (1..=LONG_Y)
@@ -77,6 +77,23 @@ fn a_fit_with_more_columns_is_least_squares() {
     let wanted = (y.norm_squared() - projected.norm_squared()) / y.len() as f64;
     // Normal equations of a condition below 1e6 lose half the digits.
     assert!((got / wanted - 1.0).abs() < 1e-8, "{got} {wanted}");
+}
+
+#[test]
+fn sines_and_cosines_together_are_those_alone_to_the_last_bit() {
+    let bits = |v: &[f64]| v.iter().map(|v| v.to_bits()).collect::<Vec<u64>>();
+    for (n, w) in [(60, 0.013), (61, 0.9), (573, 0.113), (1534, 0.0778)] {
+        let u = wander(n, 8);
+        let p = problem(u.clone(), &u, &vec![0.0; n]);
+        let columns = harmonic_columns(&p, w, 40);
+        assert_eq!(columns.len(), 80);
+        for (i, column) in columns.iter().enumerate() {
+            let w = w * (i / 2 + 1) as f64;
+            let alone = |of: fn(f64) -> f64| (p.first..n).map(|k| of(w * k as f64)).collect::<Vec<f64>>();
+            let plain = alone(if i % 2 == 0 { f64::sin } else { f64::cos });
+            assert_eq!(bits(column), bits(&plain), "{n} {w} {i}");
+        }
+    }
 }
 
 #[test]

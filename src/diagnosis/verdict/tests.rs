@@ -148,7 +148,7 @@ fn the_interval_is_wider_where_the_controller_may_have_acted_unseen() {
         let acquisition = Acquisition { poll_s, jitter_s, recovered, ..Acquisition::default() };
         let preparation =
             Preparation { acquisition: Some(Box::new(acquisition)), decimation: 1, ..Preparation::default() };
-        within(&p, &preparation, &[], &sticky)
+        interval_with_unseen(&p, &preparation, &[], &sticky)
     };
     let seen = interval(&p, &[], &sticky);
     assert_eq!((of(0.0, false), of(0.05, true)), (seen, seen));

@@ -1,32 +1,32 @@
-//! OP and PV are stamped by clocks that disagree; skew [s], positive when PV's stamps are early, of clocks that part its mean.
+//! Clock skew: OP and PV are stamped by clocks that disagree. The skew (s) is positive where PV's stamps are early; of clocks that
+//! drift apart it is the mean over the window.
 //!
 //! ```text
 //! controller  du[k] = sum_{i=0}^{2} g_i y[k-i] + sum_{i=1}^{2} h_i du[k-i] + sum_{i=0}^{2} r_i sp[k-i] + c + e,   du[k] = u[k] - u[k-1]
 //! process     y[k]  = the high-order ARX on u
 //! ```
 //!
-//! The process hides a skew in its delay, the controller does not: a PI or PID controller, its derivative filtered or not, is
-//! the first equation, and PV of other times does not fit it. PV is moved by every skew, and the likelihood of the controller
-//! is compared with that at honest stamps.
+//! The first equation is that of a PI or PID controller, its derivative filtered or not. A skew of PV violates it, whereas the
+//! process hides a skew in its dead time. So PV is shifted by every skew in turn, and the likelihood of the controller is compared
+//! with that at right stamps.
 //!
-//! Where a controller does more than its equation says (feed-forward, a cascade), PV of later samples explains OP's changes,
-//! too, since it answers to them. But then OP's changes explain PV no more. So, where the controller is not exact, both
-//! equations together have to be likelier: by the chain rule of probability their sum gains nothing by what moves from one to
-//! the other. Neither equation is the whole truth, so the gain is compared with its own standard error.
+//! With feed-forward or in a cascade the controller does more than its equation says. Later samples of PV then explain OP's changes
+//! too, because PV answers to them; but with that shift OP explains PV no longer. So, unless the controller's equation is exact, both
+//! equations together must be likelier: by the chain rule of probability their sum gains nothing from what one takes from the
+//! other. Neither equation is exactly true, so that the gain is compared with its own standard error.
 //!
 //! Source: Vuong, Econometrica 1989, 57, 307.
 
 use super::equations::{Controller, Equations, HONEST, LONGEST, Shift, gain};
-use super::{Fact, TOLD, posterior};
-use crate::residual::Kind;
-use crate::residual::report::Described;
+use super::fact::{Fact, TOLD, posterior};
+use crate::residual::findings::{Described, Kind};
 use crate::sysid::criterion::{THRESHOLD, score};
 use crate::sysid::iddata::IdData;
 
-/// Standard errors by which two equations that are not exact have to be likelier: chance does that once in a thousand.
+/// Standard errors by which two inexact equations must be likelier: chance does that once in a thousand.
 const STANDARD_ERRORS: f64 = 3.0;
 
-/// Tells clocks that disagree, and puts PV's stamps right; `step`: the quantum of PV.
+/// Finds a clock skew, and shifts PV to its right times. `step`: the quantum of PV (standard deviations of PV); 0 without one.
 pub fn assess(data: &mut IdData, step: f64) -> Option<Fact> {
     let (shift, log_odds) = skew(data, step)?;
     let posterior = posterior(log_odds);
@@ -50,19 +50,19 @@ fn describe(data: &IdData, shift: Shift) -> Described {
     skew(explanation).with("growth_s", last - first, "s")
 }
 
-/// How PV has to be moved, where it may have to, and the log-odds for that.
+/// The likeliest shift of PV, and the log odds for it; `None` where the stamps are right.
 fn skew(data: &IdData, step: f64) -> Option<(Shift, f64)> {
     let equations = Equations::new(data, step);
     let rows = data.rows();
     let n = rows.len() as f64;
     let honest: Vec<Controller> =
         HONEST.map(|by| equations.controller(Shift::constant(by), rows.clone())).collect();
-    // Where honest stamps fit exactly, others fit better by rounding alone: any sample of a pure wave follows from any two others.
+    // Where right stamps fit exactly, a shift can fit better by rounding alone: in a pure sine any sample follows from any two others.
     if honest.iter().any(|own| own.scale <= equations.exact) {
         return None;
     }
     let constant = equations.constant(rows.clone());
-    // One of so many numbers, or two ends that may lie anywhere.
+    // A constant skew is one of so many alternatives; a drifting one has two parameters.
     let mut best = (&constant, 0.0, f64::from(2 * LONGEST + 1));
     let worth =
         |(of, rate, alternatives): (&Controller, f64, f64)| score(of.log_likelihood(), rate, alternatives, n);

@@ -1,33 +1,33 @@
-//! PV stands still while the process moves: those samples do not count, and are bridged by a straight line.
+//! Frozen PV: PV stands still while the process moves. The frozen samples do not count, and are interpolated.
 //!
-//! Recognised by runs of one value that are apart from all others: of a fine PV all others are of a sample or two, a coarse PV and
-//! a sensor with hysteresis have runs of all lengths. From [s], samples (-).
+//! It is recognised by runs of one value that are much longer than all other runs. In a fine PV all other runs have a sample or two;
+//! a quantised PV and a sensor with hysteresis have runs of all lengths, and are not frozen. Reported: the start of the first run
+//! (s), and the number of frozen samples (-).
 
+use super::fact::{Fact, bridge, is_measured};
 use super::quantised::{OF_PV, quantum};
-use super::{Fact, bridge, is_measured};
-use crate::residual::Kind;
-use crate::residual::report::Described;
+use crate::residual::findings::{Described, Kind};
 use crate::signal::moment;
 use crate::sysid::iddata::IdData;
 use crate::sysid::stats::{median, range};
 
-/// How many times longer than every other run frozen ones are: twofold happens among few.
+/// Factor by which a frozen run is longer than every other run: a factor of two happens among few runs.
 const APART: usize = 3;
 /// Shortest run that counts: a PV with two decimals repeats itself a few times by chance.
 const SHORTEST: usize = 8;
-/// Quanta that a coarse PV makes up for at least when it thaws: at rest it goes on by one, or two where it is noisy.
+/// Least step of a quantised PV at the end of a frozen run (quanta): after a normal rest it moves by one, or by two with noise.
 const LEAP: f64 = 2.5;
-/// Share of OP's range by which OP moves at least, so that a PV could move: OP at rest or at its limit says nothing.
+/// Least move of OP during a run, as a share of its range: while OP is at rest or at its limit, PV may be at rest, too.
 const MOVES: f64 = 0.002;
-/// Share of the median increment below which PV has come to rest by itself: without noise a process settles behind a valve
-/// that sticks, and stands still then; a sensor stops at full speed.
+/// Share of the median increment of PV below which PV has come to rest by itself, as a process without noise does behind a valve that
+/// sticks. A frozen sensor stops at full speed.
 const SETTLED: f64 = 0.01;
-/// Largest share of the samples: a PV that stands still most of the time does so by habit, as a sensor with hysteresis.
+/// Largest share of frozen samples: a PV that stands still most of the time is normal, as with a sensor with hysteresis.
 const MOST: f64 = 0.5;
-/// Samples after a run that do not count: its value, bridged or not, is still among the lags of the model that decides.
+/// Samples after a run that do not count either: its values are still among their lags.
 const ECHO: usize = 4;
 
-/// Tells a PV that stands still, bridges it and takes its samples out.
+/// Finds a frozen PV, interpolates it, and takes its samples out.
 pub fn assess(data: &mut IdData) -> Option<Fact> {
     // A missing sample neither ends a run nor makes one.
     let at: Vec<usize> = (0..data.len()).filter(|k| is_measured(data, *k)).collect();
@@ -55,7 +55,7 @@ fn describe(data: &IdData, runs: &[(usize, usize)]) -> Described {
     .with("runs", runs.len() as f64, "-")
 }
 
-/// First sample of each run in which PV is frozen and the first after it.
+/// The frozen runs: the first sample of each, and the first sample after it. `u`, `y`: OP and PV.
 fn frozen(u: &[f64], y: &[f64]) -> Option<Vec<(usize, usize)>> {
     let mut runs = Vec::new();
     let mut from = 0;

@@ -1,21 +1,21 @@
-//! Single samples of PV that are wrong: they do not count, and are bridged.
+//! Outliers: single wrong samples of PV. They do not count, and are interpolated.
 //!
 //! ```text
 //! wrong  with probability m/N:      y[k] uniform over PV's range R
 //! right  with probability 1 - m/N:  y[k] = what the high-order ARX predicts + e[k],   e of Student's t
 //! ```
 //!
-//! One mixture decides. A wrong sample costs `ln(N/m) + ln R` and what a right one would have brought; it gains its own error
-//! and those of the next sixteen samples, whose lags it spoils. A shock gains its own error alone, and the next samples are
-//! worse predicted from the line that bridges it. Noise that comes in bursts makes many samples look wrong, but all at the same
-//! time. Each sample has to pay for itself, and all together have to be likelier than none, than shocks and than bursts.
+//! The mixture decides which of the N samples are the m wrong ones. Taking a sample for wrong has a penalty of `ln(N/m) + ln R`, and
+//! loses the likelihood of that sample. It gains the likelihood of the next sixteen samples, whose lags the sample spoils. Two other
+//! causes look alike. A shock to the process spoils no later sample, and these are predicted worse from an interpolated one. Noise in
+//! bursts makes many samples look wrong, all at the same time. So each wrong sample must be likelier than a right one, and all
+//! together must be likelier than none, than shocks and than bursts.
 //!
 //! Sources: Box & Tiao, Biometrika 1968, 55, 119; Chang, Tiao & Chen, Technometrics 1988, 30, 193.
 
+use super::fact::{Fact, TOLD, bridge, log_density, posterior};
 use super::quantised::error_of;
-use super::{Fact, TOLD, bridge, log_density, posterior};
-use crate::residual::Kind;
-use crate::residual::report::Described;
+use crate::residual::findings::{Described, Kind};
 use crate::signal::told;
 use crate::sysid::arx::{Arx, ArxFit, LAGS_X, LAGS_Y};
 use crate::sysid::criterion::{REGULAR, log_sum, score};
@@ -24,15 +24,16 @@ use crate::sysid::stats::{mean, range};
 use crate::sysid::student::{self, FREEDOM};
 use std::ops::Range;
 
-/// Scales of PV's changes by which a sample has to be beyond both neighbours to be left out of the first fit: rare among honest
-/// ones, of which a fit can spare a few.
+/// Distance from both neighbours, in scales of PV's changes, from which a sample is left out of the first fit. A few right samples
+/// are so far away, and a fit can spare them.
 const FAR: f64 = 4.0;
-/// Rows of one scale where noise comes in bursts: enough to tell it, and no more than a burst lasts.
+/// Rows with one scale of the noise, where it comes in bursts: enough to estimate it, and no more than a burst lasts.
 const BLOCK: usize = 2 * LONGEST_LAG;
 /// Most rounds of choosing samples and fitting: the choice mostly settles in three.
 const ROUNDS: usize = 6;
 
-/// Tells wrong samples, bridges them and takes them out; `step`: the quantum of PV as it was recorded.
+/// Finds wrong samples, interpolates them, and takes them out. `stem`: the likeliest stem of a record; `step`: the quantum of PV as
+/// recorded.
 pub fn assess(data: &mut IdData, stem: &dyn Fn(&IdData) -> Vec<f64>, step: f64) -> Option<Fact> {
     let x = stem(data);
     let (at, log_odds) = wrong(data, &x, step)?;
@@ -58,6 +59,7 @@ fn describe(data: &IdData, at: &[usize]) -> Described {
         .with("size", size, "PV")
 }
 
+/// Interpolates these samples, and sets their weights to 0.
 fn take_out(data: &mut IdData, at: &[usize]) {
     for &k in at {
         bridge(&mut data.y, k, k + 1);
@@ -65,14 +67,14 @@ fn take_out(data: &mut IdData, at: &[usize]) {
     }
 }
 
-/// `m ln(m/N) + (N - m) ln(1 - m/N)`: what it costs to say which `m` of `n` samples are wrong.
+/// Logarithm of the probability of one choice of `m` wrong samples out of `n`: `m ln(m/n) + (n - m) ln(1 - m/n)`.
 fn choice(m: f64, n: f64) -> f64 {
     let part = |m: f64| if m > 0.0 { m * (m / n).ln() } else { 0.0 };
     part(m) + part(n - m)
 }
 
-/// Samples far beyond both their neighbours. A first fit without them is not bent to them: where the controller saw a wrong
-/// sample, OP's answer tells a fit how to make up for it.
+/// Samples far beyond both their neighbours: they are left out of the first fit. The controller answers a wrong sample, so that a fit
+/// to it would explain it by OP.
 fn peaks(data: &IdData, step: f64) -> Vec<usize> {
     let y = &data.y;
     let changes: Vec<f64> = y.windows(2).map(|pair| pair[1] - pair[0]).collect();
@@ -86,13 +88,13 @@ fn peaks(data: &IdData, step: f64) -> Vec<usize> {
     (data.start.index + LAGS_Y..y.len() - 1).filter(beyond).collect()
 }
 
-/// The wrong samples, and the log-odds for that there are any.
+/// The wrong samples, and the log odds that there are any; `None` where there are none. `x`: the stem.
 fn wrong(data: &IdData, x: &[f64], step: f64) -> Option<(Vec<usize>, f64)> {
     let fit = |data: &IdData| {
         let mut fit = Arx::new(data, &data.y, &[]).fit(x, None);
-        // What PV's steps hide is an error, too.
+        // The scale is no less than that of rounding PV to its quantum.
         let own = &data.weight[data.rows()];
-        // Tails as heavy as wrong samples make them would hide those.
+        // The degrees of freedom are fixed: with estimated ones, wrong samples would make heavy tails, and hide in them.
         fit.scale = student::scale(&fit.e, own, fit.scale, FREEDOM, error_of(step));
         let weight = &data.weight[data.rows()];
         fit.log_likelihood = student::log_likelihood(&fit.e, weight, fit.scale, FREEDOM);
@@ -107,7 +109,7 @@ fn wrong(data: &IdData, x: &[f64], step: f64) -> Option<(Vec<usize>, f64)> {
         repaired
     };
     let mut at = peaks(data, step);
-    let mut best = fit(&without(&at));
+    let mut best = if at.is_empty() { plain.clone() } else { fit(&without(&at)) };
     for _ in 0..ROUNDS {
         let next = Samples { data, x, fit: &best, density }.choose(&at);
         if next == at {
@@ -121,7 +123,7 @@ fn wrong(data: &IdData, x: &[f64], step: f64) -> Option<(Vec<usize>, f64)> {
     if m == 0.0 {
         return None;
     }
-    // The same samples do not count, but are what the next ones follow from.
+    // A rival, shocks: the same samples do not count, but the next samples are predicted from their measured values.
     let shocks = IdData { y: data.y.clone(), ..without(&at) };
     let n = data.counted();
     let apart = |fit: &ArxFit| score(fit.log_likelihood + m * density + choice(m, n), REGULAR, 1.0, n);
@@ -131,7 +133,7 @@ fn wrong(data: &IdData, x: &[f64], step: f64) -> Option<(Vec<usize>, f64)> {
     Some((at, apart(&best) - log_sum(rivals.into_iter())))
 }
 
-/// The log-likelihood of errors that are small or large for a while: each block of rows has one of two scales.
+/// Log-likelihood of noise in bursts: each block of rows has one of two scales (-).
 fn bursts(fit: &ArxFit, weight: &[f64]) -> f64 {
     let blocks: Vec<(&[f64], &[f64])> = fit.e.chunks(BLOCK).zip(weight.chunks(BLOCK)).collect();
     let rated =
@@ -151,7 +153,7 @@ fn bursts(fit: &ArxFit, weight: &[f64]) -> f64 {
     each.sum::<f64>() - blocks.len() as f64 * 2f64.ln()
 }
 
-/// Samples under one model.
+/// The samples of a record under one model.
 struct Samples<'a> {
     data: &'a IdData,
     x: &'a [f64],
@@ -161,31 +163,31 @@ struct Samples<'a> {
 }
 
 impl Samples<'_> {
-    /// The samples that each pay for themselves, those `at` tried first; the most telling comes first, since what a wrong
-    /// sample does to its neighbours is no fault of theirs.
+    /// The samples that are likelier wrong than right. Those in `at` are taken for wrong first. The others follow in the order of their
+    /// gains, because a wrong sample spoils the errors of its neighbours until it is interpolated.
     fn choose(&self, at: &[usize]) -> Vec<usize> {
         let mut y = self.data.y.clone();
         at.iter().for_each(|k| bridge(&mut y, *k, k + 1));
         let mut at = at.to_vec();
         let n = self.data.counted();
-        let price = |m: usize| choice(m as f64 + 1.0, n) - choice(m as f64, n) + self.density;
+        let log_prior = |m: usize| choice(m as f64 + 1.0, n) - choice(m as f64, n) + self.density;
         let all = self.data.start.index + LAGS_Y..y.len() - 1;
         let mut gains: Vec<f64> = vec![f64::NEG_INFINITY; y.len()];
         all.clone().for_each(|k| gains[k] = self.gain(&y, k));
         loop {
             let free = |k: &usize| !at.contains(k);
             let most = all.clone().filter(free).max_by(|a, b| gains[*a].total_cmp(&gains[*b]));
-            let Some(k) = most.filter(|k| gains[*k] + price(at.len()) > 0.0) else { break };
+            let Some(k) = most.filter(|k| gains[*k] + log_prior(at.len()) > 0.0) else { break };
             at.push(k);
             bridge(&mut y, k, k + 1);
             let near = k.saturating_sub(LAGS_Y + 1).max(all.start)..(k + LAGS_Y + 2).min(all.end);
             near.for_each(|k| gains[k] = self.gain(&y, k));
         }
-        // What was taken for wrong beside others may be right without them.
+        // A sample that seemed wrong beside the others may be right now.
         let mut kept = at.clone();
         for k in at {
             y[k] = self.data.y[k];
-            if self.gain(&y, k) + price(kept.len() - 1) > 0.0 {
+            if self.gain(&y, k) + log_prior(kept.len() - 1) > 0.0 {
                 bridge(&mut y, k, k + 1);
             } else {
                 kept.retain(|other| *other != k);
@@ -195,29 +197,31 @@ impl Samples<'_> {
         kept
     }
 
-    /// Log-likelihood gained where sample `k` of `y` does not count and is bridged.
+    /// Log-likelihood gained where sample `k` of `y` is taken for wrong: it does not count, and is interpolated (-).
     fn gain(&self, y: &[f64], k: usize) -> f64 {
         let peak = (y[k] - y[k - 1]) * (y[k] - y[k + 1]) > 0.0;
         if !peak || self.data.weight[k] == 0.0 {
             return f64::NEG_INFINITY;
         }
-        let own = self.density_of(self.error(y, k));
+        let own = self.log_density_of(self.error(y, k));
         let off = y[k] - 0.5 * (y[k - 1] + y[k + 1]);
         let next = 1..(LAGS_Y + 1).min(y.len() - k);
         let after: f64 = next
             .map(|lag| {
                 let e = self.error(y, k + lag);
                 let bridged = e + self.fit.theta[lag - 1] * off;
-                self.data.weight[k + lag] * (self.density_of(bridged) - self.density_of(e))
+                self.data.weight[k + lag] * (self.log_density_of(bridged) - self.log_density_of(e))
             })
             .sum();
         after - own
     }
 
-    fn density_of(&self, e: f64) -> f64 {
+    /// Logarithm of the density of an error.
+    fn log_density_of(&self, e: f64) -> f64 {
         log_density(e, self.fit.scale)
     }
 
+    /// The one-step error of sample `k`.
     fn error(&self, y: &[f64], k: usize) -> f64 {
         let theta = &self.fit.theta;
         let of = |lags: Range<usize>, theta: &[f64], v: &[f64]| -> f64 {

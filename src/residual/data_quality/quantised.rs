@@ -1,48 +1,47 @@
-//! PV moves in steps larger than its noise; the quantum (PV unit).
+//! Quantised PV: PV moves in steps, its quantum q (PV unit), that are larger than its noise.
 //!
-//! Recognised by its few distinct values, all a whole number of quanta apart, and by second differences that are
-//! mostly of no more than two: what the process does hardly enters them, and noise as large as a quantum makes them larger.
-//! Nothing is repaired: what lies between two steps is not in the data; its `q^2 / 12` is the error that no model removes.
+//! It is recognised by few distinct values, nearly all a whole number of quanta apart, and by a median second difference of at most
+//! two quanta. The process hardly enters second differences, and noise as large as a quantum makes them larger. Nothing is repaired,
+//! because the values between two steps are not in the data. Rounding has a variance of `q^2 / 12`, which no model explains.
 
-use super::{Fact, is_measured, measured};
-use crate::residual::Kind;
-use crate::residual::report::Described;
+use super::fact::{Fact, is_measured, measured};
+use crate::residual::findings::{Described, Kind};
 use crate::signal::told;
 use crate::sysid::iddata::IdData;
 use crate::sysid::stats::median;
 
-/// Quanta in one standard deviation of PV, from which on anybody sees steps in a plot of it.
+/// Least quantum, in standard deviations of PV: from there on the steps are visible in a plot.
 pub const OF_PV: f64 = 0.03;
-/// Quanta in the median second difference, up to which noise does not hide the steps: its standard deviation is then one and a
-/// half quanta at most, and a tenth of it is the steps'.
+/// Largest median second difference (quanta) at which noise does not hide the steps: the standard deviation of the noise is then at
+/// most one and a half quanta, of which a tenth is the rounding's.
 const BEND: f64 = 2.0;
-/// Distance within which two values are one: they were divided by a standard deviation.
+/// Distance within which two values are equal: they were divided by a standard deviation.
 const SAME: f64 = 1e-9;
-/// Fewest values that have gaps to compare.
+/// Fewest distinct values: fewer have no two gaps to compare.
 const FEWEST: usize = 3;
-/// Most values per sample: more are hardly ever met twice, and have no quantum.
+/// Most distinct values per sample: where there are more, hardly any value comes twice, and there is no quantum.
 const MOST_PER_SAMPLE: f64 = 2.0 / 3.0;
-/// How far a gap may be from a whole number of quanta: rounding of the record itself.
+/// Distance of a gap from a whole number of quanta that rounding of the record explains (quanta).
 const OFF: f64 = 0.05;
-/// Share of the gaps that are whole: the others may be single samples of another origin.
+/// Least share of the gaps that are a whole number of quanta: the others may come from single samples of another origin.
 const WHOLE: f64 = 0.97;
 
 /// The steps of a signal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quantum {
-    /// The least step.
+    /// The quantum q, in the unit of the signal.
     pub size: f64,
     /// Number of distinct values.
     pub distinct: usize,
 }
 
-/// Tells a coarse PV. That all values lie on one grid is no chance: the fact is certain.
+/// Finds a quantised PV. Chance does not put all values on one grid, so that its posterior is 1.
 pub fn assess(data: &IdData) -> Option<Fact> {
     let quantum = quantum(&measured(data, &data.y)).filter(|quantum| quantum.size >= OF_PV)?;
     let whole = |k: &usize| (k - 1..=k + 1).all(|k| is_measured(data, k));
-    let bend = |k: usize| (data.y[k - 1] - 2.0 * data.y[k] + data.y[k + 1]).abs();
-    let bends: Vec<f64> = (1..data.len() - 1).filter(whole).map(bend).collect();
-    (!bends.is_empty() && median(&bends) < (BEND + OFF) * quantum.size).then(|| Fact {
+    let second_difference = |k: usize| (data.y[k - 1] - 2.0 * data.y[k] + data.y[k + 1]).abs();
+    let differences: Vec<f64> = (1..data.len() - 1).filter(whole).map(second_difference).collect();
+    (!differences.is_empty() && median(&differences) < (BEND + OFF) * quantum.size).then(|| Fact {
         kind: Kind::QuantisedPv,
         posterior: 1.0,
         described: describe(data, quantum),
@@ -56,7 +55,7 @@ fn describe(data: &IdData, quantum: Quantum) -> Described {
         .with("distinct_values", quantum.distinct as f64, "-")
 }
 
-/// The quantum and the number of distinct values, where nearly all values are a whole number of quanta apart.
+/// The quantum of a signal, and the number of its distinct values; `None` where values are not a whole number of quanta apart.
 pub fn quantum(y: &[f64]) -> Option<Quantum> {
     let mut sorted = y.to_vec();
     sorted.sort_unstable_by(f64::total_cmp);
@@ -71,12 +70,12 @@ pub fn quantum(y: &[f64]) -> Option<Quantum> {
     (whole as f64 >= WHOLE * gaps.len() as f64).then_some(Quantum { size, distinct })
 }
 
-/// The quantum; 0 where there is none.
+/// The quantum of a signal, in its unit; 0 where there is none.
 pub fn step_of(y: &[f64]) -> f64 {
     quantum(y).map_or(0.0, |quantum| quantum.size)
 }
 
-/// The standard deviation of what is lost in steps of this size: evenly distributed over one.
+/// The standard deviation of rounding to steps of this size, evenly distributed over one step: `step / sqrt 12`.
 pub fn error_of(step: f64) -> f64 {
     step / 12f64.sqrt()
 }

@@ -1,9 +1,13 @@
-use super::beam::Held;
+use super::beam::FixedDynamics;
+use super::cells::Family;
+use super::search::{Search, range_of_s};
 use super::*;
-use crate::residual::hypotheses::load::load_step::at_input;
+use crate::residual::hypotheses::sensor::pv_offset;
+use crate::residual::hypothesis::Hypothesis;
 use crate::signal::Window;
-use crate::sysid::arx::{LAGS_X, LAGS_Y};
-use crate::sysid::valve::{Rest, Start};
+use crate::sysid::arx::{Arx, ArxFit, LAGS_X, LAGS_Y};
+use crate::sysid::iddata::IdData;
+use crate::sysid::valve::{Rest, Start, StopRule, ValveModel};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 
@@ -75,11 +79,11 @@ fn the_loss_of_a_cell_is_that_of_its_valve() {
     let none = Hypothesis::default();
     for (seed, valve) in (1..).zip(valves()) {
         let (data, fit, x) = known(valve, seed, 0.02);
-        let held = Held::new(&data, &none, &fit, &x);
+        let fixed = FixedDynamics::new(&data, &none, &fit, &x);
         let per = 1.0 / (fit.nu * fit.scale * fit.scale);
         // The lag was another while the cell was wide.
         let least = if family(&valve).ratio.is_some() { 1e-9 } else { 0.15 };
-        for (loss, found) in held.best(family(&valve), whole(&data), &valve, 3) {
+        for (loss, found) in fixed.beam_search(family(&valve), range_of_s(&data), &valve, 3, f64::INFINITY) {
             let (mut other, mut dir) = (Vec::new(), Vec::new());
             found.run(&data.u, data.start, data.split, &mut other, &mut dir);
             let through =
@@ -96,14 +100,37 @@ fn thresholds_that_no_grid_meets_are_found_to_the_cell() {
     let none = Hypothesis::default();
     for (seed, valve) in (1..).zip(valves()) {
         let (data, fit, x) = known(valve, seed, 0.02);
-        let held = Held::new(&data, &none, &fit, &x);
+        let fixed = FixedDynamics::new(&data, &none, &fit, &x);
         let (s, j) = (valve.s / data.units.u, valve.j / data.units.u);
-        for range in [whole(&data), (0.7 * s, 1.5 * s)] {
-            let found = held.best(family(&valve), range, &valve, 1)[0].1;
+        for range in [range_of_s(&data), (0.7 * s, 1.5 * s)] {
+            let found = fixed.beam_search(family(&valve), range, &valve, 1, f64::INFINITY)[0].1;
             let right = (found.s / s - 1.0).abs() < 0.01 && (found.j - j).abs() < 0.06 * s;
             assert!(right, "{found:?} for S {s} J {j} of {valve:?} in {range:?}");
         }
     }
+}
+
+/// The two best of several searches are the same where the second best loss bounds the searches.
+#[test]
+fn a_search_that_is_far_behind_ends_and_no_other_does() {
+    let none = Hypothesis::default();
+    let valve = valves()[4];
+    let (data, fit, x) = known(valve, 5, 0.02);
+    let fixed = FixedDynamics::new(&data, &none, &fit, &x);
+    let search = |asymmetry: f64, enough: f64| {
+        let bands = ValveModel { asymmetry, ..valve };
+        fixed.beam_search(family(&valve), range_of_s(&data), &bands, 1, enough)
+    };
+    let values = [-0.6, -0.3, 0.0, 0.3, 0.6];
+    let all = values.map(|value| search(value, f64::INFINITY));
+    let mut losses = all.each_ref().map(|found| found[0].0);
+    losses.sort_by(f64::total_cmp);
+    let bounded = values.map(|value| search(value, losses[1]));
+    for (own, bounded) in all.iter().zip(&bounded) {
+        let stays = own[0].0 <= losses[1];
+        assert!(bounded == own || !stays && bounded.is_empty(), "{own:?} {bounded:?}");
+    }
+    assert!(bounded.iter().any(Vec::is_empty), "{losses:?}");
 }
 
 /// A first-order process.
@@ -144,13 +171,12 @@ fn what_is_hidden_beside_a_shift_of_pv_is_what_was_hidden_without_it() {
     let data = record(ValveModel::default(), 5, 0.2, first_order);
     let mut shifted = data.clone();
     shifted.y.iter_mut().skip(700).for_each(|y| *y += 3.0);
-    let of_pv = at_input(700, 0.0).variants().into_iter().find(|step| step.shifts_pv());
-    let mut of_pv = of_pv.expect("a step of PV");
-    of_pv.set_smooth(&[3.0]);
+    let of_pv = pv_offset::at(700, 3.0);
     let none = Hypothesis::default();
-    let [own, beside] = [hidden(&data, &none, 7.35), hidden(&shifted, &none.with(of_pv), 7.35)];
+    let [own, beside] =
+        [hidden_friction(&data, &none, 7.35), hidden_friction(&shifted, &none.with(of_pv), 7.35)];
     assert!((own - beside).abs() < 1e-9, "{own} {beside}");
-    let unknown = hidden(&shifted, &none, 7.35);
+    let unknown = hidden_friction(&shifted, &none, 7.35);
     assert!((unknown - own).abs() > 0.1 * own, "without the step it is another record: {unknown}");
 }
 

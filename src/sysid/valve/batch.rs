@@ -1,14 +1,17 @@
-//! [`LANES`] valves side by side over one OP: the batch form of [`ValveModel::run`].
+//! [`LANES`] valves side by side over one OP: [`ValveModel::run`] in vector registers.
+//!
+//! It is the recursion of `valve/recursion.rs` without branches; a test compares the two.
 
-use super::{Start, StopRule, ValveModel, growth};
+use super::model::{Start, StopRule, ValveModel};
+use super::recursion::growth;
 use multiversion::multiversion;
 
-/// Valves that go side by side.
+/// Number of valves that are run side by side.
 pub const LANES: usize = 8;
-/// A number of each of them.
+/// One number of each valve.
 pub type Lane = [f64; LANES];
 
-/// A number of each valve. It takes the place of `array::from_fn`, of which the compiler makes a call within the loop.
+/// One number of each valve. It replaces `array::from_fn`, which the compiler does not inline in the loop.
 #[inline(always)]
 fn each(mut number: impl FnMut(usize) -> f64) -> Lane {
     let mut all = [0.0; LANES];
@@ -18,26 +21,36 @@ fn each(mut number: impl FnMut(usize) -> f64) -> Lane {
     all
 }
 
-/// Valves on their way through OP.
+/// The parameters and the states of [`LANES`] valves.
 pub struct Batch {
     start: Start,
     span: usize,
     drift: Lane,
+    /// Kinetic lag `(S - J)/2` (OP unit).
     lag: Lane,
+    /// Distance of p beyond OP at the start (OP unit).
     beyond: Lane,
-    /// OP has to be so far ahead after a sample at which the stem moved, and rested.
+    /// Lead of OP above which the stem goes on, after a sample at which it moved, and after one at which it rested (OP unit).
     ahead_after: [Lane; 2],
+    /// That lead at the next sample.
     ahead: Lane,
+    /// `S` (OP unit).
     band: Lane,
     asymmetry: Lane,
+    /// Least and largest p.
     limits: [Lane; 2],
+    /// Direction of the last move, +1 or -1.
     direction: Lane,
+    /// `p`: OP at the last move.
     position: Lane,
+    /// Number of turns so far.
     turns: Lane,
 }
 
 impl Batch {
-    /// Before the first sample.
+    /// The valves before the first sample.
+    ///
+    /// * `span`: number of samples over which the drift is counted.
     pub fn new(valves: &[ValveModel; LANES], start: Start, span: usize) -> Self {
         let of = |number: fn(&ValveModel) -> f64| -> Lane { each(|l| number(&valves[l])) };
         let rested = of(|v| if v.rule == StopRule::Reversal { 0.0 } else { v.j });
@@ -58,7 +71,7 @@ impl Batch {
         }
     }
 
-    /// Runs them over all of OP; `x` receives the stems, sample by sample.
+    /// Runs the valves over all of OP, `u`; `x` receives the positions of their stems at each sample (OP unit).
     pub fn run(&mut self, u: &[f64], x: &mut Vec<Lane>) {
         x.clear();
         x.resize(u.len(), [0.0; LANES]);
@@ -76,12 +89,15 @@ impl Batch {
         }
     }
 
-    /// How often each stem turned.
+    /// The number of turns of each stem in the last [`Batch::run`].
     pub fn turns(&self) -> Lane {
         self.turns
     }
 
-    /// The samples after the start; without branches, so that it becomes vectors.
+    /// The recursion after the start. It has no branches, so that the compiler makes vector code of it.
+    ///
+    /// * `CONSTANT`: no valve has a drift.
+    /// * `from`: index of the first sample of `u` and `x`.
     #[inline(always)]
     fn steps<const CONSTANT: bool>(&mut self, from: usize, u: &[f64], x: &mut [Lane]) {
         let Self { drift, lag, ahead_after: [moved, rested], band, asymmetry, span, limits, .. } = *self;
@@ -104,11 +120,13 @@ impl Batch {
     }
 }
 
+/// [`Batch::steps`] for valves without drift.
 #[multiversion(targets("x86_64+avx2"))]
 fn constant(batch: &mut Batch, from: usize, u: &[f64], x: &mut [Lane]) {
     batch.steps::<true>(from, u, x);
 }
 
+/// [`Batch::steps`] for valves with drift.
 #[multiversion(targets("x86_64+avx2"))]
 fn growing(batch: &mut Batch, from: usize, u: &[f64], x: &mut [Lane]) {
     batch.steps::<false>(from, u, x);

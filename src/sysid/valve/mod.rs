@@ -1,210 +1,25 @@
-//! Valves that stick, as functions of OP.
+//! The valve models: their parameters in `model`, their recursion in `recursion`, eight valves side by side in [`batch`].
 //!
-//! ```text
-//! x[k] = p[k] - dir[k] (S - J)/2
-//! p[k] = u[k]      where the stem moves,   p[k-1] where it rests
-//! dir  = direction of the last move, +1 or -1
+//! | symbol | what it is | unit |
+//! |---|---|---|
+//! | `S` | dead band plus stick band | OP |
+//! | `J` | slip jump | OP |
+//! | `f` | the paper's parameter, `S/2` | OP |
+//! | `r` | resolution: a moving stem comes to rest where OP goes on by no more than r | OP |
 //!
-//! p is held within the stops.
-//!
-//! The stem turns     where  dir (p - u) > S
-//! The stem goes on   where  dir (u - p) > J after a rest, > r otherwise
-//! ```
-//!
-//! `S` is the deadband plus stickband, `J` the slip jump, both in OP units; the paper's parameter is `f = S/2` and its
-//! element has `J = S` and rests at reversals only. What counts as a rest is the [`StopRule`]: it tells the models of the
-//! literature apart. `r` is the resolution with which a stem follows OP: one that rests whenever OP stops has come to rest,
-//! too, where OP goes on by less.
+//! The paper's element has `J = S` and rests at reversals only.
+//! The [`StopRule`] says what counts as a rest: the models of the literature differ in it.
 //!
 //! Sources: Choudhury et al., Control Eng. Practice 2005, 13, 641; Kano et al., IFAC DYCOPS 2004; He et al., Ind. Eng.
 //! Chem. Res. 2007, 46, 4549; Stenman et al., Int. J. Adapt. Control 2003, 17, 251; Ivan & Lakshminarayanan 2009.
 
 pub mod batch;
+mod model;
 pub mod model_error;
+mod recursion;
 
-/// When a stem rests, so that OP has to be `J` ahead before it goes on.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum StopRule {
-    /// At reversals only: the paper's element for `J = S`, a dead band for `J = 0`.
-    #[default]
-    Reversal,
-    /// Whenever OP stops or turns: the two-parameter valve of Choudhury and Kano.
-    Stop,
-    /// After every slip: He's valve, and a physical stem that reaches its equilibrium between two samples. Stenman's for
-    /// `J = S`.
-    Slip,
-}
-
-impl StopRule {
-    /// All rules.
-    pub const ALL: [StopRule; 3] = [StopRule::Reversal, StopRule::Stop, StopRule::Slip];
-}
-
-/// The large extremum of OP from which a stem is followed.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Start {
-    /// Sample of the extremum.
-    pub index: usize,
-    /// True for a maximum.
-    pub is_max: bool,
-}
-
-/// Where the stem was at the start, which no signal says.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Rest {
-    /// Whether its last move was the other way than the extremum of OP says.
-    pub turned: bool,
-    /// How far `p` lay beyond OP in the direction of that move, as a share of S (0..1).
-    pub beyond: f64,
-}
-
-/// A valve that sticks.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ValveModel {
-    /// Deadband plus stickband S (OP unit).
-    pub s: f64,
-    /// Slip jump J (OP unit); beyond S where the stem overshoots OP.
-    pub j: f64,
-    /// When the stem rests.
-    pub rule: StopRule,
-    /// Step of OP up to which a stem that moves comes to rest, with [`StopRule::Stop`] (OP unit).
-    pub resolution: f64,
-    /// Where it was at the start.
-    pub rest: Rest,
-    /// Turning down takes `S (1 + asymmetry)`, turning up `S (1 - asymmetry)` (-).
-    pub asymmetry: f64,
-    /// S and J grow from `1 - drift` to `1 + drift` times themselves over the fitted samples (-).
-    pub drift: f64,
-    /// Mechanical stops of the stem, where there are some (OP unit): OP goes on beyond them, the stem does not.
-    pub stops: Option<(f64, f64)>,
-}
-
-impl ValveModel {
-    /// The paper's element.
-    pub fn one_parameter(f: f64) -> Self {
-        Self { s: 2.0 * f, j: 2.0 * f, ..Self::default() }
-    }
-
-    /// `f = S/2` (OP unit).
-    pub fn f(&self) -> f64 {
-        0.5 * self.s
-    }
-
-    /// Kinetic lag `(S - J)/2` (OP unit).
-    pub fn lag(&self) -> f64 {
-        0.5 * (self.s - self.j)
-    }
-
-    /// Whether its parameters are a valve's.
-    pub fn is_valid(&self) -> bool {
-        self.s > 0.0
-            && (0.0..=2.0 * self.s).contains(&self.j)
-            && (0.0..=1.0).contains(&self.rest.beyond)
-            && self.resolution >= 0.0
-            && self.asymmetry.abs() < 1.0
-            && self.drift.abs() < 1.0
-    }
-
-    /// Where OP at most moves `p` to: the stem is at a stop there.
-    pub fn limits(&self) -> (f64, f64) {
-        let (low, high) = self.stops.unwrap_or((f64::NEG_INFINITY, f64::INFINITY));
-        (low - self.lag().max(0.0), high + self.lag().max(0.0))
-    }
-
-    /// Factor on S and J at sample `k` of `span` fitted ones.
-    pub fn growth(&self, k: usize, span: usize) -> f64 {
-        growth(self.drift, k, span)
-    }
-
-    /// Runs OP through the valve.
-    ///
-    /// * `u`: OP, N values (OP unit); before `start` the stem follows it.
-    /// * `span`: samples over which [`ValveModel::drift`] is counted.
-    /// * `x`: receives the stem, N values (OP unit); `dir` the direction of its last move.
-    pub fn run(&self, u: &[f64], start: Start, span: usize, x: &mut Vec<f64>, dir: &mut Vec<f64>) {
-        x.clear();
-        dir.clear();
-        let mut stem = Stem::new(self, start);
-        for (k, &u) in u.iter().enumerate() {
-            let grown = self.growth(k, span);
-            if k <= start.index {
-                stem.place(self, u, grown, k == start.index);
-            } else {
-                stem.step(self, u, grown);
-            }
-            x.push(stem.position - self.lag() * grown * stem.direction);
-            dir.push(stem.direction);
-        }
-    }
-}
-
-/// Factor on the bands of a valve with this drift at sample `k` of `span`; extrapolated to three times the middle.
-pub fn growth(drift: f64, k: usize, span: usize) -> f64 {
-    (1.0 + drift * ((2.0 * k as f64 / span as f64).min(3.0) - 1.0)).max(0.0)
-}
-
-/// The state of one stem.
-#[derive(Clone, Copy, Debug)]
-struct Stem {
-    /// OP at which it last moved.
-    position: f64,
-    /// Direction of that move.
-    direction: f64,
-    /// Whether it rests.
-    rests: bool,
-}
-
-impl Stem {
-    fn new(valve: &ValveModel, start: Start) -> Self {
-        let direction = if start.is_max != valve.rest.turned { 1.0 } else { -1.0 };
-        Self { position: 0.0, direction, rests: true }
-    }
-
-    /// Puts the stem where it is taken to be before the start, and at it.
-    fn place(&mut self, valve: &ValveModel, u: f64, grown: f64, at_start: bool) {
-        let beyond = if at_start { valve.s * grown * valve.rest.beyond } else { 0.0 };
-        self.position = u + self.direction * beyond;
-        self.rests = valve.rule != StopRule::Reversal;
-    }
-
-    /// One sample: the one recursion behind every valve here.
-    fn step(&mut self, valve: &ValveModel, u: f64, grown: f64) {
-        let onward = self.direction * (u - self.position);
-        let turns = -onward > valve.s * grown * (1.0 + valve.asymmetry * self.direction);
-        let ahead = if self.rests { valve.j } else { valve.resolution };
-        if turns || onward > ahead * grown {
-            let (low, high) = valve.limits();
-            self.position = u.max(low).min(high);
-            self.direction = if turns { -self.direction } else { self.direction };
-            self.rests = valve.rule == StopRule::Slip;
-        } else {
-            self.rests = valve.rule != StopRule::Reversal;
-        }
-    }
-}
-
-/// Half the largest fall of OP from a maximum, or rise from a minimum, after `start` (OP unit): with a larger f the stem
-/// never turns.
-pub fn largest_reversal(u: &[f64], start: Start) -> f64 {
-    let sign = if start.is_max { 1.0 } else { -1.0 };
-    let (mut top, mut fall) = (f64::NEG_INFINITY, 0.0_f64);
-    for u in u.get(start.index..).unwrap_or_default() {
-        top = top.max(sign * u);
-        fall = fall.max(top - sign * u);
-    }
-    0.5 * fall
-}
-
-/// Half the largest move of OP in one direction after sample `from`, up or down (OP unit).
-pub fn largest_move(u: &[f64], from: usize) -> f64 {
-    let [fall, rise] = [true, false].map(|is_max| largest_reversal(u, Start { index: from, is_max }));
-    fall.max(rise)
-}
-
-/// How often the stem turns.
-pub fn reversals(dir: &[f64]) -> usize {
-    dir.windows(2).filter(|w| w[0] != w[1]).count()
-}
+pub use model::{Rest, Start, StopRule, ValveModel, largest_move, largest_reversal, reversals};
+pub use recursion::growth;
 
 #[cfg(test)]
 mod tests {

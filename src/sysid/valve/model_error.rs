@@ -1,27 +1,27 @@
-//! The error of f that is due to the models of valves.
+//! The error of f that is due to the valve models, and how it widens the interval of f.
 //!
-//! A real valve differs from every model of a valve, in the same way at each turn of the stem. The likelihood of one record cannot
-//! tell by how much f is then off. So both ends of an interval are moved as if f had one more, independent error. Its relative
-//! standard deviation is calibrated on simulated valves that are none of the models:
+//! A real valve differs from every model, in the same way at each turn of the stem. The likelihood of one record does not show by how
+//! much f is wrong then. So both ends of the interval are moved as if f had one more, independent error.
+//! The relative standard deviation of this error is calibrated on simulated valves that are none of the models:
 //!
 //! ```text
 //! ln(end / f)^2 = ln(end of the likelihood / f)^2 + (1.96 MODEL_SD)^2
 //! ```
 //!
-//! Two windows of one valve have this error in common, so their intervals are compared without it.
+//! Two windows of one valve have the same error, so their intervals are compared without it.
 
 /// Relative standard deviation of f by which a valve differs from its models.
 pub const MODEL_SD: f64 = 0.08;
 /// 97.5 % point of the normal distribution.
 pub const NORMAL_95: f64 = 1.96;
 
-/// Adds the error of the models to the interval of f by its likelihood (any unit). An end at 0 stays at 0.
+/// Widens the interval `[low, high]` of f, which its likelihood gives, by the error of the models (any unit). An end at 0 stays at 0.
 pub fn with_model_error(f: f64, [low, high]: [f64; 2]) -> [f64; 2] {
     let apart = |end: f64| (end / f).ln().hypot(NORMAL_95 * MODEL_SD).exp();
     if f > 0.0 && low >= 0.0 && high.is_finite() { [f / apart(low), f * apart(high)] } else { [low, high] }
 }
 
-/// The inverse of [`with_model_error`]: the interval of f by its likelihood alone (any unit).
+/// The inverse of [`with_model_error`]: the interval of f that its likelihood alone gives (any unit).
 pub fn without_model_error(f: f64, [low, high]: [f64; 2]) -> [f64; 2] {
     let apart = |end: f64| {
         let whole = (end / f).ln();

@@ -1,4 +1,4 @@
-//! A periodic load with two corners a period: a square wave, pulses, a triangle or a saw tooth.
+//! A periodic load with two corners in each period: a square wave, pulses, a triangle or a saw tooth.
 //!
 //! ```text
 //! t(k) = rises from 0 to 1 over the share d of a period and falls back over the rest
@@ -6,74 +6,73 @@
 //! load = g t(k) + g_0 p(k) + ... + g_na p(k-na)               a load added to PV enters through A(q): na more samples
 //! ```
 //!
-//! A square wave needs dozens of harmonics; as one of these it costs no more than five. Without it a valve that sticks is the
-//! cheapest way to explain its corners.
+//! A square wave needs dozens of harmonics; in this form its penalty is no larger than that of five. Without this form, a valve that
+//! sticks would be the explanation of its corners with the least penalty.
 //!
-//! Parameters: angular frequency w (rad/sample), rate 3/2; phase (periods), d (-) and `na + 2` coefficients, rate 1/2 each: between
-//! two samples a jump is interpolated, so the likelihood is smooth in its place. Alternatives: with the sets of harmonics. Proposed at the lines at which harmonics gain most.
+//! Parameters: angular frequency w (rad/sample), rate 3/2; phase (periods), d (-) and `na + 2` coefficients, rate 1/2 each. A jump
+//! between two samples is interpolated, so that the likelihood is smooth in its time. Alternatives: together with the sets of
+//! harmonics ([`super::periodic`]). It is proposed at the lines at which harmonics gain most.
 
-use super::oscillating_load::{PERIODIC_SHAPES, describe_periodic};
-use crate::residual::Kind;
+use super::periodic::{PERIODIC_SHAPES, describe_periodic};
 use crate::residual::effect::EffectModel;
-use crate::residual::report::Described;
+use crate::residual::findings::{Described, Kind};
 use crate::residual::screening::Screen;
 use crate::sysid::armax::{Armax, ORDER, Smooth};
 use crate::sysid::criterion::{FREQUENCY, REGULAR};
 use crate::sysid::iddata::IdData;
+use multiversion::multiversion;
 use std::f64::consts::TAU;
 
 /// Fewest samples in a period: with fewer, the fourth harmonic lies above Nyquist's frequency, and the first three are a set of
 /// their own.
 const LEAST_PERIOD: f64 = 8.0;
-/// Least share of a period that rises, or falls.
+/// Least share of a period in which the wave rises, or falls.
 const LEAST_RISE: f64 = 0.05;
-/// Shares that rise from which a search starts: a pulse, a square or triangle. A share above one half is the same wave upside down,
-/// begun at its other corner.
+/// Rising shares from which a search starts: a pulse, and a square or triangular wave. A share above one half is the same wave
+/// upside down, started at its other corner.
 const RISES: [f64; 2] = [0.2, 0.5];
 /// Phases tried in a period.
 const PHASES: usize = 12;
 /// Passes of the coordinate search, each with half the step of the one before.
 const PASSES: usize = 7;
-/// Lags of the pulse in a search: the place of a corner hardly depends on the others.
+/// Lags of the pulse in a search: the time of a corner hardly depends on the further lags.
 const SEARCHED: usize = 2;
 
-/// A load at some value of its parameters.
+/// A wave with corners, with values for its parameters.
 #[derive(Clone, Debug)]
 pub struct Cornered {
     /// Angular frequency (rad/sample).
     w: f64,
-    /// Least w.
+    /// Least w (rad/sample).
     lowest: f64,
-    /// Where the rise begins (periods).
+    /// Phase at which the rise begins (periods).
     phase: f64,
-    /// Share of the period that rises.
+    /// Share of the period that rises, d (-).
     rise: f64,
 }
 
 impl Cornered {
-    /// Lags of t(k) and of p(k) at the first samples: t, then p with `lags` lags.
+    /// The shapes at the first `n` samples: t(k), then p(k) and `lags` lags of it.
     fn columns(&self, n: usize, lags: usize) -> Vec<Vec<f64>> {
         let turn = self.w / TAU;
-        let at = |k: f64| {
-            let part = (turn * k - self.phase).rem_euclid(1.0);
-            if part < self.rise { part / self.rise } else { (1.0 - part) / (1.0 - self.rise) }
-        };
         let scale = self.rise.min(1.0 - self.rise) / turn;
         // The wave is known before the record as well.
-        let t: Vec<f64> = (0..=n + lags).map(|k| at(k as f64 - (lags + 1) as f64)).collect();
+        let mut t = vec![0.0; n + lags + 1];
+        wave(&mut t, lags + 1, turn, self.phase, self.rise);
         let p: Vec<f64> = t.windows(2).map(|pair| scale * (pair[1] - pair[0])).collect();
         let mut columns = vec![t[lags + 1..].to_vec()];
         columns.extend((0..=lags).map(|lag| p[lags - lag..lags - lag + n].to_vec()));
         columns
     }
 
-    /// What it promises with so many lags.
+    /// The expected gain, with a number of lags of p (-).
     fn gain(&self, screen: &Screen<'_>, lags: usize) -> f64 {
         let columns: Vec<Vec<f64>> =
-            self.columns(screen.data.len(), lags).iter().map(|column| screen.rows(column)).collect();
-        screen.long.several(&columns).0
+            self.columns(screen.data.len(), lags).iter().map(|column| screen.arx_regressor(column)).collect();
+        screen.arx.joint_gain(&columns).0
     }
 
+    /// The wave with its parameters inside their bounds.
     fn clamped(self) -> Self {
         let highest = TAU / LEAST_PERIOD;
         Self {
@@ -84,13 +83,33 @@ impl Cornered {
     }
 }
 
-/// The likeliest load about a line at `w`, and what it promises; `lowest`: the least w. `None` where a period has too few samples.
+/// The part of a period that has passed at phase `v` (periods), from 0 up to 1. It vectorises, and a remainder does not.
+#[inline(always)]
+fn part_of_period(v: f64) -> f64 {
+    v - v.floor()
+}
+
+/// The wave t at the samples from `before` samples before the record on.
+///
+/// * `turn`: periods in a sample.
+/// * `phase`, `rise`: see [`Cornered`].
+#[multiversion(targets("x86_64+avx2"))]
+fn wave(t: &mut [f64], before: usize, turn: f64, phase: f64, rise: f64) {
+    for (k, t) in t.iter_mut().enumerate() {
+        // Numbers of 32 bits are converted side by side.
+        let part = part_of_period(turn * f64::from(k as i32 - before as i32) - phase);
+        *t = if part < rise { part / rise } else { (1.0 - part) / (1.0 - rise) };
+    }
+}
+
+/// The wave that gains most near a spectral line at `w` (rad/sample), with its expected gain, by a coordinate search over w, phase
+/// and d. `lowest`: the least w. `None` where a period has too few samples.
 pub fn likeliest(screen: &Screen<'_>, w: f64, lowest: f64) -> Option<(Cornered, f64)> {
     if w.max(lowest) > TAU / LEAST_PERIOD {
         return None;
     }
     let begun = RISES.iter().flat_map(|&rise| {
-        // Half a period later a wave with two like parts is the same upside down.
+        // A wave whose two parts are equal is the same upside down half a period later.
         let phases = if rise < 0.5 { PHASES } else { PHASES / 2 };
         (0..phases).map(move |i| Cornered { w, lowest, phase: i as f64 / PHASES as f64, rise }.clamped())
     });
@@ -176,6 +195,37 @@ impl EffectModel for Cornered {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn the_part_of_a_period_is_the_euclidean_remainder_to_the_last_bit(v in -2100.0..2100.0f64, by in -4i32..=4) {
+            // Also next to whole numbers, where a remainder is nearly 1. The remainder of a negative one is -0: its sign goes.
+            let whole = v.floor();
+            for v in [v, whole, whole + 1e-13 * f64::from(by), 1e-300 * f64::from(by)] {
+                prop_assert_eq!(part_of_period(v).to_bits(), (v.rem_euclid(1.0) + 0.0).to_bits(), "{}", v);
+            }
+        }
+
+        #[test]
+        fn a_wave_side_by_side_is_that_sample_by_sample_to_the_last_bit(
+            period in LEAST_PERIOD..600.0f64,
+            phase in -1.0..2.0f64,
+            rise in LEAST_RISE..1.0 - LEAST_RISE,
+            (n, before) in (0usize..70, 1usize..6),
+        ) {
+            let turn = TAU / period / TAU;
+            let plain = |k: usize| {
+                let part = (turn * (k as f64 - before as f64) - phase).rem_euclid(1.0) + 0.0;
+                if part < rise { part / rise } else { (1.0 - part) / (1.0 - rise) }
+            };
+            let mut t = vec![f64::NAN; n];
+            wave(&mut t, before, turn, phase, rise);
+            for (k, t) in t.iter().enumerate() {
+                prop_assert_eq!(t.to_bits(), plain(k).to_bits(), "{}", k);
+            }
+        }
+    }
 
     #[test]
     fn a_wave_rises_falls_and_jumps_where_it_should() {

@@ -1,20 +1,21 @@
-//! A load, or a sensor, that runs away at a constant rate: `gamma (k - t)` from time t on.
+//! A drift of a load or a sensor at a constant rate: the shape `gamma max(k - t, 0)`.
 //!
-//! Parameters: slope (OP unit/s), rate 1/2; where it does not begin with the record its time t (s), rate 1/2 as that of any
-//! kink. Alternatives: from the start or from a time.
+//! Parameters: slope gamma (OP unit/s), rate 1/2; the time t of the kink (s), rate 1/2, where the drift does not begin with the
+//! record. Nothing jumps at a kink, so that the rate of its time is that of a coefficient. Alternatives: from the start or from a
+//! time on.
 
-use super::load_step::near;
-use crate::residual::Kind;
 use crate::residual::effect::EffectModel;
-use crate::residual::hypotheses::{Proposal, Propose};
-use crate::residual::report::{Described, in_op, in_pv};
+use crate::residual::findings::{Described, Kind};
+use crate::residual::hypotheses::change_time::neighbouring_times;
+use crate::residual::hypotheses::gains::{in_op, in_pv};
+use crate::residual::hypotheses::proposal::{Proposal, Propose};
 use crate::residual::screening::Screen;
 use crate::signal::moment;
 use crate::sysid::armax::Armax;
 use crate::sysid::criterion::REGULAR;
 use crate::sysid::iddata::IdData;
 
-/// Times at which a ramp may begin that are tried.
+/// Times of a kink that are screened.
 const TIMES: usize = 24;
 
 /// The ramps.
@@ -22,12 +23,12 @@ pub struct Ramps;
 
 #[derive(Clone, Debug)]
 struct Ramp {
-    /// `None`: from the start.
+    /// Sample of the kink; `None` for a drift from the start.
     from: Option<usize>,
 }
 
 impl Ramp {
-    /// The ramp; 1 samples of the whole record high.
+    /// The ramp, scaled so that it rises by 1 over the length of the record.
     fn shape(&self, data: &IdData) -> Vec<f64> {
         let (from, n) = (self.from.unwrap_or(0), data.len());
         (0..n).map(|k| k.saturating_sub(from) as f64 / n as f64).collect()
@@ -54,7 +55,7 @@ impl EffectModel for Ramp {
         let spread = (data.split - data.first) as f64 / (4.0 * TIMES as f64);
         self.from
             .into_iter()
-            .flat_map(|from| near(from, data, step * spread.max(1.0)))
+            .flat_map(|from| neighbouring_times(from, data, step * spread.max(1.0)))
             .map(|from| Ramp { from: Some(from) }.boxed())
             .collect()
     }
@@ -80,10 +81,10 @@ impl Propose for Ramps {
     fn propose(&self, screen: &Screen<'_>) -> Vec<Proposal> {
         let data = screen.data;
         let rated = |ramp: Ramp| {
-            let gain = screen.long.alone(screen.rows(&ramp.shape(data))).0;
+            let gain = screen.arx.single_gain(screen.arx_regressor(&ramp.shape(data))).0;
             Proposal::new(ramp, gain)
         };
-        let later = screen.times(((data.split - data.first) / TIMES).max(1));
+        let later = screen.change_times(((data.split - data.first) / TIMES).max(1));
         let later = later.map(|from| rated(Ramp { from: Some(from) }));
         let best = later.max_by(|a, b| a.gain.total_cmp(&b.gain));
         [rated(Ramp { from: None })].into_iter().chain(best).collect()

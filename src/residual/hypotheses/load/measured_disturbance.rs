@@ -1,26 +1,26 @@
-//! A recorded tag drives PV: `gamma_1 d[k-l] + gamma_2 d[k-l-1]`.
+//! A measured disturbance: a recorded tag d drives PV, `gamma_1 d[k-l] + gamma_2 d[k-l-1]`.
 //!
-//! Parameters: two coefficients (OP unit per standard deviation), rate 1/2 each. Alternatives: tags times delays.
-//! Only the past of a tag counts: a tag that follows PV is correlated with it as well, but at negative lags.
+//! Parameters: two coefficients (OP unit per standard deviation of the tag), rate 1/2 each. Alternatives: tags times delays l. Only
+//! the past of a tag is used: a tag that follows PV is correlated with PV as well, but at negative lags.
 
 use crate::residual::effect::EffectModel;
-use crate::residual::hypotheses::{Proposal, Propose, best};
-use crate::residual::report::{Described, in_op, in_pv};
+use crate::residual::findings::{Described, Kind, Lasting};
+use crate::residual::hypotheses::gains::{in_op, in_pv};
+use crate::residual::hypotheses::proposal::{Proposal, Propose, best};
 use crate::residual::screening::Screen;
-use crate::residual::{Kind, Lasting};
 use crate::signal::figures;
 use crate::sysid::armax::Armax;
 use crate::sysid::criterion::REGULAR;
 use crate::sysid::iddata::IdData;
-use crate::sysid::least_squares::dot;
+use crate::sysid::least_squares::dot_long;
 
 /// Longest delay of a tag (samples).
 const LONGEST: usize = 30;
-/// Coefficients at neighbouring lags.
+/// Coefficients at neighbouring lags: the delay may lie between two samples.
 const TAPS: usize = 2;
-/// Correlation with PV from which a tag is PV measured again, which explains everything and nothing (-).
+/// Correlation with PV from which a tag is taken for PV measured a second time, and left out (-).
 const SAME: f64 = 0.98;
-/// Delays of a tag that are looked at closely.
+/// Delays of a tag for which the score test is made.
 const CLOSE: usize = 3;
 /// Tags proposed.
 const TAGS: usize = 2;
@@ -30,12 +30,16 @@ pub struct Measured;
 
 #[derive(Clone, Debug)]
 struct Tag {
+    /// Its number among the tags of the record.
     index: usize,
     name: String,
+    /// Delay l (samples).
     lag: usize,
+    /// Tags times delays (-).
     alternatives: f64,
 }
 
+/// A signal, `lag` samples later.
 fn delayed(v: &[f64], lag: usize) -> Vec<f64> {
     (0..v.len()).map(|k| v[k.saturating_sub(lag)]).collect()
 }
@@ -89,8 +93,8 @@ impl EffectModel for Tag {
     }
 }
 
-/// The tag of this name with this delay.
-pub fn again(data: &IdData, name: &str, delay_s: f64) -> Option<Box<dyn EffectModel>> {
+/// The tag of this name with this delay (s); `None` where it is not recorded, or the delay is too long.
+pub fn restored(data: &IdData, name: &str, delay_s: f64) -> Option<Box<dyn EffectModel>> {
     let index = data.tags.iter().position(|tag| tag.0 == name)?;
     let (lag, longest) = ((delay_s / data.units.ts).round(), longest(data));
     let inside = lag >= 1.0 && lag <= longest as f64;
@@ -117,13 +121,13 @@ impl Propose for Measured {
         let n = y.len() as f64;
         let mut out = Vec::new();
         for (index, (name, v)) in data.tags.iter().enumerate() {
-            let same = (dot(&v[rows.clone()], y) / n).abs() > SAME;
+            let same = (dot_long(&v[rows.clone()], y) / n).abs() > SAME;
             if same || taken.contains(&name.as_str()) {
                 continue;
             }
-            // The correlation with the errors names the delays worth a solution.
+            // The delays with the largest correlation with the errors are tested.
             let mut lags: Vec<(f64, usize)> = (1..=longest)
-                .map(|lag| (dot(&screen.long.errors, &v[rows.start - lag..rows.end - lag]).abs(), lag))
+                .map(|lag| (dot_long(&screen.arx.errors, &v[rows.start - lag..rows.end - lag]).abs(), lag))
                 .collect();
             lags.sort_by(|a, b| b.0.total_cmp(&a.0));
             let mut few: Vec<usize> =
@@ -132,12 +136,12 @@ impl Propose for Measured {
             few.dedup();
             let rated = few.into_iter().map(|lag| {
                 let columns: Vec<Vec<f64>> =
-                    (0..TAPS).map(|more| screen.rows(&delayed(v, lag + more))).collect();
+                    (0..TAPS).map(|more| screen.arx_regressor(&delayed(v, lag + more))).collect();
                 let tag = Tag { index, name: name.clone(), lag, alternatives };
-                Proposal::new(tag, screen.long.several(&columns).0)
+                Proposal::new(tag, screen.arx.joint_gain(&columns).0)
             });
             out.extend(rated.max_by(|a, b| a.gain.total_cmp(&b.gain)));
         }
-        best(out, screen.most(TAGS))
+        best(out, screen.limit(TAGS))
     }
 }

@@ -1,34 +1,30 @@
-//! A periodic load: `sum over h of s_h sin(h w k) + c_h cos(h w k)`.
+//! A periodic load: `sum over harmonics h of s_h sin(h w k) + c_h cos(h w k)`.
 //!
-//! Parameters: angular frequency w (rad/sample), rate 3/2; two coefficients a harmonic, rate 1/2 each. Alternatives: sets
-//! of harmonics, and one with corners ([`super::cornered_load`]). Proposed at the lines of the spectra of the errors and of PV.
+//! Parameters: angular frequency w (rad/sample), rate 3/2; two coefficients for each harmonic, rate 1/2 each. Alternatives: three
+//! sets of harmonics, and a wave with corners ([`super::cornered_load`]). It is proposed at the lines of the spectra of the errors
+//! and of PV.
 
 use super::cornered_load::likeliest;
+use super::periodic::{HARMONICS, PERIODIC_SHAPES, describe_periodic};
 use crate::residual::effect::EffectModel;
-use crate::residual::hypotheses::{Proposal, Propose, best};
-use crate::residual::report::{Described, of_wave};
+use crate::residual::findings::{Described, Kind, Lasting};
+use crate::residual::hypotheses::proposal::{Proposal, Propose, best};
 use crate::residual::screening::Screen;
-use crate::residual::{Kind, Lasting};
-use crate::signal::{figures, told};
 use crate::sysid::armax::{Armax, Smooth};
-use crate::sysid::criterion::{FREQUENCY, REGULAR, TEMPERING};
+use crate::sysid::criterion::{FREQUENCY, REGULAR, untempered_penalty};
 use crate::sysid::iddata::IdData;
 use crate::sysid::spectrum;
 use std::f64::consts::{PI, TAU};
 
-/// Sets of harmonics: a sine, a load with even ones, a square or triangle.
-const HARMONICS: [&[usize]; 3] = [&[1], &[1, 2, 3], &[1, 3, 5, 7, 9]];
-/// Sets of harmonics, and a load with corners.
-pub const PERIODIC_SHAPES: f64 = HARMONICS.len() as f64 + 1.0;
-/// Highest angular frequency of a harmonic (rad/sample).
+/// Highest angular frequency of a harmonic (rad/sample): near Nyquist's frequency nothing can be told.
 const HIGHEST: f64 = 0.9 * PI;
-/// Fewest periods in the fitted rows.
+/// Fewest periods in the fitted rows: with fewer, a wave cannot be told from a drift.
 const PERIODS: f64 = 3.0;
-/// Lines of the errors and of PV that are looked at.
+/// Spectral lines of the errors, and of PV, that are screened.
 const LINES: [usize; 2] = [4, 3];
 /// Loads proposed.
 const LOADS: usize = 3;
-/// Lines at which corners are searched for: those at which harmonics gain most.
+/// Lines at which a wave with corners is searched for: those at which harmonics gain most.
 const CORNERED: usize = 2;
 
 /// The periodic loads.
@@ -36,9 +32,11 @@ pub struct Oscillating;
 
 #[derive(Clone, Debug)]
 struct Load {
+    /// Angular frequency (rad/sample).
     w: f64,
-    /// Least w: with fewer periods a wave is no other than a drift.
+    /// Least w (rad/sample): that of a load with the fewest periods.
     lowest: f64,
+    /// Numbers of the harmonics.
     harmonics: &'static [usize],
 }
 
@@ -49,10 +47,10 @@ impl Load {
     }
 }
 
-/// Samples of which `sin` and `cos` are taken by turning those of the first.
+/// Samples whose sines are rotated from those of the first one: over more, rounding errors would add up.
 const TURNED: usize = 64;
 
-/// `sin(w k)` and `cos(w k)`: `sin(w (k + i)) = sin(w k) cos(w i) + cos(w k) sin(w i)`, and so for the cosine.
+/// `sin(w k)` and `cos(w k)`, by the addition theorem: `sin(w (k + i)) = sin(w k) cos(w i) + cos(w k) sin(w i)`.
 fn wave(w: f64, n: usize) -> [Vec<f64>; 2] {
     let turns: [(f64, f64); TURNED] = std::array::from_fn(|i| (w * i as f64).sin_cos());
     let (mut sines, mut cosines) = (vec![0.0; n], vec![0.0; n]);
@@ -99,27 +97,13 @@ impl EffectModel for Load {
     }
 }
 
-/// A periodic load in words: `own` is the amplitude of its first harmonic in the equation.
-pub fn describe_periodic(data: &IdData, model: &Armax, w: f64, own: f64) -> Described {
-    let period = TAU / w * data.units.ts;
-    let [pv, op] = of_wave(data, model, w).map(|worth| own * worth);
-    Described::new(format!(
-        "a load with a period of {} s drives PV; its amplitude in PV would be {} without control",
-        figures(period),
-        told(pv)
-    ))
-    .with("period_s", period, "s")
-    .with("amplitude", pv, "PV")
-    .with("amplitude_op", op, "OP")
-}
-
 /// The angular frequency of a load with the fewest periods (rad/sample).
 fn lowest(data: &IdData) -> f64 {
     PERIODS * TAU / data.rows().len() as f64
 }
 
-/// The load with this period and so many harmonics.
-pub fn again(data: &IdData, period_s: f64, harmonics: usize) -> Option<Box<dyn EffectModel>> {
+/// The load with this period (s) and number of harmonics; `None` where the record is too short or its sampling too slow for it.
+pub fn restored(data: &IdData, period_s: f64, harmonics: usize) -> Option<Box<dyn EffectModel>> {
     let harmonics = HARMONICS.into_iter().find(|known| known.len() == harmonics)?;
     let w = TAU * data.units.ts / period_s;
     let lowest = lowest(data);
@@ -133,68 +117,75 @@ impl Propose for Oscillating {
     }
     fn propose(&self, screen: &Screen<'_>) -> Vec<Proposal> {
         let data = screen.data;
-        let n = screen.long.errors.len();
-        let mut lines = peaks(&screen.long.errors, screen.most(LINES[0]));
-        for line in peaks(&data.y[data.rows()], screen.most(LINES[1])) {
+        let n = screen.arx.errors.len();
+        let mut lines = peaks(&screen.arx.errors, screen.limit(LINES[0]));
+        for line in peaks(&data.y[data.rows()], screen.limit(LINES[1])) {
             if !lines.contains(&line) {
                 lines.push(line);
             }
         }
         let rate = |load: &Load| -> f64 {
             let shapes = load.shapes(data.len());
-            let columns: Vec<Vec<f64>> = shapes.iter().map(|s| screen.rows(s)).collect();
-            screen.long.several(&columns).0
+            let columns: Vec<Vec<f64>> = shapes.iter().map(|s| screen.arx_regressor(s)).collect();
+            screen.arx.joint_gain(&columns).0
         };
-        // What a load costs, as a log-likelihood.
-        let cost = |load: &dyn EffectModel| load.rate() * (n as f64).ln() / TEMPERING;
+        // The penalty of a load, as a log-likelihood.
+        let penalty = |load: &dyn EffectModel| untempered_penalty(load.rate(), n as f64);
         let (mut out, mut rated) = (Vec::new(), Vec::new());
         for w in lines {
-            let mut load = Load { w, lowest: lowest(data), harmonics: HARMONICS[0] };
-            let (mut gain, mut step) = (rate(&load), 0.25 * TAU / n as f64);
-            for _ in 0..5 {
-                for w in [load.w - step, load.w + step] {
-                    let other = Load { w, ..load };
-                    let tried = rate(&other);
-                    if tried > gain {
-                        (load, gain) = (other, tried);
-                    }
-                }
-                step *= 0.5;
-            }
+            let sine = Load { w, lowest: lowest(data), harmonics: HARMONICS[0] };
+            let (load, gain) = refined(sine, 0.25 * TAU / n as f64, rate);
             let mut most = f64::NEG_INFINITY;
             for harmonics in HARMONICS {
                 let load = Load { harmonics, ..load };
                 if load.w * harmonics[harmonics.len() - 1] as f64 <= HIGHEST {
                     let gain = if harmonics.len() == 1 { gain } else { rate(&load) };
-                    // Ranked by what is left of the gain once the harmonics are paid for.
-                    let paid = gain - cost(&load);
-                    most = most.max(paid);
-                    out.push(Proposal::new(load, paid));
+                    // Loads with different numbers of harmonics are ranked by gain less penalty.
+                    let net = gain - penalty(&load);
+                    most = most.max(net);
+                    out.push(Proposal::new(load, net));
                 }
             }
             rated.push((most, load.w));
         }
         rated.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let lines = rated.into_iter().take(screen.most(CORNERED));
+        let lines = rated.into_iter().take(screen.limit(CORNERED));
         for (load, gain) in lines.filter_map(|line| likeliest(screen, line.1, lowest(data))) {
-            let paid = gain - cost(&load);
-            out.push(Proposal::new(load, paid));
+            let net = gain - penalty(&load);
+            out.push(Proposal::new(load, net));
         }
-        let mut out = best(out, screen.most(LOADS));
-        // The gain itself is promised: whoever fits the load charges its cost.
-        out.iter_mut().for_each(|proposal| proposal.gain += cost(proposal.effect.as_ref()));
+        let mut out = best(out, screen.limit(LOADS));
+        // A proposal has the gain itself: its score takes the penalty off later.
+        out.iter_mut().for_each(|proposal| proposal.gain += penalty(proposal.effect.as_ref()));
         out
     }
 }
 
-/// The strongest lines (rad/sample) that fit often enough into the samples.
+/// The load with the frequency that gains most near a spectral line, and its gain. `step`: first step of the search (rad/sample);
+/// it is halved five times.
+fn refined(mut load: Load, mut step: f64, gain_of: impl Fn(&Load) -> f64) -> (Load, f64) {
+    let mut gain = gain_of(&load);
+    for _ in 0..5 {
+        for w in [load.w - step, load.w + step] {
+            let other = Load { w, ..load };
+            let tried = gain_of(&other);
+            if tried > gain {
+                (load, gain) = (other, tried);
+            }
+        }
+        step *= 0.5;
+    }
+    (load, gain)
+}
+
+/// The strongest lines of the spectrum with at least [`PERIODS`] periods (rad/sample), `most` of them, the strongest first.
 fn peaks(v: &[f64], most: usize) -> Vec<f64> {
     let n = v.len();
     let size = (2 * n).next_power_of_two();
     let mean = v.iter().sum::<f64>() / n.max(1) as f64;
     let mut padded = vec![0.0; size];
     for (k, (p, v)) in padded.iter_mut().zip(v).enumerate() {
-        // Hann: a strong line must not hide its neighbours.
+        // Hann's window: the leakage of a strong line must not hide its neighbours.
         *p = (v - mean) * (0.5 - 0.5 * (TAU * k as f64 / n as f64).cos());
     }
     let power = spectrum::power(&mut padded);

@@ -1,14 +1,13 @@
-//! The dead time changes at a time: the process sees the stem `by` samples later after t, or before it.
+//! A change of the dead time: from time t on, or until t, the process sees the stem `by` samples later.
 //!
-//! Parameters: time t (s), rate 1; a level that shifts with it is none of it. Alternatives: 2 x 8 changes. Proposed at the
-//! times where the predicted answer to the later stem gains most in place of that to the other.
+//! Parameters: time t (s), rate 1. Alternatives: longer or shorter, by 1 to 8 samples. It is proposed at the times at which the
+//! response to the delayed stem gains most in place of the response to the stem.
 
-use crate::residual::Kind;
 use crate::residual::effect::EffectModel;
-use crate::residual::hypotheses::load::load_step::near;
-use crate::residual::hypotheses::{Proposal, Propose, best};
-use crate::residual::report::Described;
-use crate::residual::screening::{Screen, Since, best_times};
+use crate::residual::findings::{Described, Kind};
+use crate::residual::hypotheses::change_time::neighbouring_times;
+use crate::residual::hypotheses::proposal::{Proposal, Propose, best};
+use crate::residual::screening::{Screen, best_times};
 use crate::signal::{figures, moment};
 use crate::sysid::armax::Armax;
 use crate::sysid::criterion::THRESHOLD;
@@ -16,9 +15,9 @@ use crate::sysid::iddata::IdData;
 
 /// Largest change (samples).
 const LONGEST: usize = 8;
-/// Changes tried (samples); the others are their neighbours.
+/// Changes that are screened (samples); the fits reach the others as their neighbours.
 const CHANGES_TRIED: [usize; 6] = [1, 2, 3, 4, 6, 8];
-/// Samples between times that are tried: the best is moved to its sample later.
+/// Samples between the times that are screened: the fits move the best one to its exact sample.
 const STRIDE: usize = 32;
 /// Changes proposed.
 const CHANGES: usize = 4;
@@ -28,9 +27,11 @@ pub struct DeadTimeChanges;
 
 #[derive(Clone, Debug)]
 struct Change {
+    /// Sample of the change.
     at: usize,
+    /// Size of the change (samples).
     by: usize,
-    /// Whether the longer dead time is the one before.
+    /// Whether the dead time becomes shorter.
     shorter: bool,
 }
 
@@ -50,14 +51,14 @@ impl EffectModel for Change {
     fn delay(&self, k: usize) -> usize {
         if (k >= self.at) != self.shorter { self.by } else { 0 }
     }
-    fn at(&self) -> Option<usize> {
+    fn change_time(&self) -> Option<usize> {
         Some(self.at)
     }
-    fn moved(&self, at: usize) -> Box<dyn EffectModel> {
+    fn with_change_time(&self, at: usize) -> Box<dyn EffectModel> {
         Change { at, ..self.clone() }.boxed()
     }
     fn neighbours(&self, data: &IdData, step: f64) -> Vec<Box<dyn EffectModel>> {
-        let mut out: Vec<Box<dyn EffectModel>> = near(self.at, data, 2.0 * step)
+        let mut out: Vec<Box<dyn EffectModel>> = neighbouring_times(self.at, data, 2.0 * step)
             .into_iter()
             .map(|at| Change { at, ..self.clone() }.boxed())
             .collect();
@@ -89,10 +90,9 @@ impl Propose for DeadTimeChanges {
                 let cut = |at: usize| -> Vec<f64> {
                     less.iter().enumerate().map(|(k, s)| if (k < at) == shorter { *s } else { 0.0 }).collect()
                 };
-                let rated = screen
-                    .times(STRIDE)
-                    .map(|at| Since { at, gain: screen.model.alone(screen.stem(&cut(at))).0 });
-                let times = best_times(rated.collect(), screen.most(1));
+                let gain = |_: usize, v: Vec<f64>| screen.armax.single_gain(v).0;
+                let rated = screen.rated_times(screen.change_times(STRIDE), cut, gain);
+                let times = best_times(rated, screen.limit(1));
                 out.extend(
                     times
                         .into_iter()
@@ -100,6 +100,6 @@ impl Propose for DeadTimeChanges {
                 );
             }
         }
-        best(out, screen.most(CHANGES))
+        best(out, screen.limit(CHANGES))
     }
 }

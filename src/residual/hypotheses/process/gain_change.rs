@@ -1,18 +1,18 @@
-//! The gain changes at a time: the stem counts `ratio` times from t on, about a working point of its own.
+//! A change of the process gain at time t, about a working point of its own.
 //!
 //! ```text
-//! x -> ratio x + level   from t on
+//! x[k] -> ratio x[k] + level     for k >= t
 //! ```
 //!
-//! Parameters: time t (s), rate 1; ratio (-), rate 1/2; level, which the working point decides (OP unit), rate 1/2. Proposed
-//! at the times where the predicted answer to the stem and a level gain most in the ARMAX.
+//! Parameters: time t (s), rate 1; ratio of the gains (-), rate 1/2; level, which follows from the working point (OP unit), rate
+//! 1/2. It is proposed at the times at which the response to the stem and a level gain most in the ARMAX.
 
-use crate::residual::Kind;
 use crate::residual::effect::EffectModel;
-use crate::residual::hypotheses::load::load_step::{at_input, near};
-use crate::residual::hypotheses::{Proposal, Propose};
-use crate::residual::report::Described;
-use crate::residual::screening::{Screen, Since, best_times};
+use crate::residual::findings::{Described, Kind};
+use crate::residual::hypotheses::change_time::neighbouring_times;
+use crate::residual::hypotheses::load::load_step::at_input;
+use crate::residual::hypotheses::proposal::{Proposal, Propose};
+use crate::residual::screening::{Screen, best_times};
 use crate::signal::moment;
 use crate::sysid::armax::{Armax, Smooth};
 use crate::sysid::criterion::{REGULAR, THRESHOLD};
@@ -21,9 +21,9 @@ use crate::sysid::stats::mean;
 
 /// Times proposed.
 const TIMES: usize = 2;
-/// Samples between times that are tried.
+/// Samples between the times that are screened.
 const STRIDE: usize = 8;
-/// Largest change of a gain that is believed (-).
+/// Largest ratio of two gains that is believed (-).
 const MOST: f64 = 8.0;
 /// Largest shift of the level (standard deviations of OP).
 const MOST_LEVEL: f64 = 50.0;
@@ -33,10 +33,11 @@ pub struct GainChanges;
 
 #[derive(Clone, Debug)]
 struct Change {
+    /// Sample of the change.
     at: usize,
-    /// Logarithm of the ratio: a change and its inverse are alike.
+    /// Logarithm of the ratio (-): a change and its inverse have the same size.
     log_ratio: f64,
-    /// Shift of the level that goes with it.
+    /// Level (standard deviations of OP).
     level: f64,
 }
 
@@ -59,27 +60,30 @@ impl EffectModel for Change {
             (self.log_ratio, self.level) = (*log_ratio, *level);
         }
     }
-    fn bends(&self) -> bool {
+    fn maps_stem(&self) -> bool {
         true
     }
-    fn bend(&self, _data: &IdData, k: usize, x: &mut [f64]) {
+    fn map_stem(&self, _data: &IdData, k: usize, x: &mut [f64]) {
         if k >= self.at {
             let ratio = self.log_ratio.exp();
             x.iter_mut().for_each(|x| *x = ratio * *x + self.level);
         }
     }
-    fn at(&self) -> Option<usize> {
+    fn change_time(&self) -> Option<usize> {
         Some(self.at)
     }
-    fn moved(&self, at: usize) -> Box<dyn EffectModel> {
+    fn with_change_time(&self, at: usize) -> Box<dyn EffectModel> {
         Change { at, ..self.clone() }.boxed()
     }
-    /// With a ratio of 1 the level is all that changes.
+    /// With a ratio of 1 only the level changes: that is a load step at the process input.
     fn special_case(&self) -> Option<Box<dyn EffectModel>> {
         Some(at_input(self.at, self.level))
     }
     fn neighbours(&self, data: &IdData, step: f64) -> Vec<Box<dyn EffectModel>> {
-        near(self.at, data, step).into_iter().map(|at| Change { at, ..self.clone() }.boxed()).collect()
+        neighbouring_times(self.at, data, step)
+            .into_iter()
+            .map(|at| Change { at, ..self.clone() }.boxed())
+            .collect()
     }
     fn describe(&self, data: &IdData, _model: &Armax, _gamma: &[f64]) -> Described {
         let (time, ratio) = (data.time(self.at as f64), self.log_ratio.exp());
@@ -98,21 +102,19 @@ impl Propose for GainChanges {
     }
     fn propose(&self, screen: &Screen<'_>) -> Vec<Proposal> {
         let x = &screen.signals.x;
-        let ones = vec![1.0; x.len()];
-        let rate = |at: usize| {
-            let from = |v: &[f64]| -> Vec<f64> {
-                v.iter().enumerate().map(|(k, v)| if k >= at { *v } else { 0.0 }).collect()
-            };
-            screen.model.several(&[screen.stem(&from(x)), screen.stem(&from(&ones))])
+        let part = |at: usize| -> Vec<f64> {
+            x.iter().enumerate().map(|(k, x)| if k >= at { *x } else { 0.0 }).collect()
         };
-        let rated = screen.times(STRIDE).map(|at| Since { at, gain: rate(at).0 });
-        let times = best_times(rated.collect(), screen.most(TIMES));
+        let rate =
+            |at: usize, of_x: Vec<f64>| screen.armax.joint_gain(&[of_x, screen.stem_step_regressor(at)]);
+        let rated = screen.rated_times(screen.change_times(STRIDE), part, |at, of_x| rate(at, of_x).0);
+        let times = best_times(rated, screen.limit(TIMES));
         let proposal = |at: usize, gain: f64| {
-            let more = rate(at).1;
-            // What B makes of the whole record lies between both gains.
+            let more = rate(at, screen.stem_regressor(&part(at))).1;
+            // B, fitted to the whole record, has a gain between the two: the ratio is only a start.
             let ratio = (1.0 + more[0]).clamp(1.0 / MOST, MOST);
             let after = &x[at.min(x.len() - 1)..];
-            // Where the ratio is out of bounds, the level makes up for it.
+            // Where the ratio is clamped, the level takes the rest on the average.
             let level = more[1] + (1.0 + more[0] - ratio) * mean(after);
             let (log_ratio, level) = (ratio.ln(), level.clamp(-MOST_LEVEL, MOST_LEVEL));
             Proposal::new(Change { at, log_ratio, level }, gain)

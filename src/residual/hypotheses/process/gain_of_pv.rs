@@ -1,13 +1,12 @@
-//! The process gain depends on PV: the stem counts `1 + r (y - ym)` times.
+//! A process gain that depends on PV: `x[k] -> (1 + r (y[k] - mean y)) x[k]`.
 //!
-//! Parameter: r (1/PV unit), rate 1/2. Alternatives: in the process or in the valve's characteristic. The constant part of
-//! the stem times y is a part of A, so that only the product of both deviations is new.
+//! Parameter: r (1/PV unit), rate 1/2. Alternatives: in the process or in the valve's characteristic. x is a deviation from its
+//! mean: the product of the mean stem and y is a part of A already.
 
 use crate::residual::effect::EffectModel;
-use crate::residual::hypotheses::{Proposal, Propose};
-use crate::residual::report::Described;
+use crate::residual::findings::{Described, Kind, Lasting};
+use crate::residual::hypotheses::proposal::{Proposal, Propose};
 use crate::residual::screening::Screen;
-use crate::residual::{Kind, Lasting};
 use crate::signal::told;
 use crate::sysid::armax::{Armax, Smooth};
 use crate::sysid::criterion::REGULAR;
@@ -43,10 +42,10 @@ impl EffectModel for GainOfPv {
     fn set_smooth(&mut self, theta: &[f64]) {
         self.r = theta[0];
     }
-    fn bends(&self) -> bool {
+    fn maps_stem(&self) -> bool {
         true
     }
-    fn bend(&self, data: &IdData, k: usize, x: &mut [f64]) {
+    fn map_stem(&self, data: &IdData, k: usize, x: &mut [f64]) {
         let gain = 1.0 + self.r * data.y[k];
         x.iter_mut().for_each(|x| *x *= gain);
     }
@@ -63,8 +62,8 @@ impl EffectModel for GainOfPv {
     }
 }
 
-/// The gain with this relative slope (1/PV).
-pub fn again(data: &IdData, gain_per_pv: f64) -> Option<Box<dyn EffectModel>> {
+/// The gain with this relative slope (1/PV unit).
+pub fn restored(data: &IdData, gain_per_pv: f64) -> Option<Box<dyn EffectModel>> {
     let r = gain_per_pv * data.units.y;
     r.is_finite().then(|| GainOfPv { r: r.clamp(-MOST, MOST) }.boxed())
 }
@@ -75,7 +74,7 @@ impl Propose for GainsOfPv {
     }
     fn propose(&self, screen: &Screen<'_>) -> Vec<Proposal> {
         let product: Vec<f64> = screen.signals.x.iter().zip(&screen.data.y).map(|(x, y)| x * y).collect();
-        let (gain, r) = screen.model.alone(screen.stem(&product));
+        let (gain, r) = screen.armax.single_gain(screen.stem_regressor(&product));
         vec![Proposal::new(GainOfPv { r: r.clamp(-0.5 * MOST, 0.5 * MOST) }, gain)]
     }
 }

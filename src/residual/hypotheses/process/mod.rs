@@ -1,4 +1,4 @@
-//! The process: what changes about it, or is not linear.
+//! The process: changes of its gain and dead time, and a gain that is not linear.
 
 pub mod dead_time_change;
 pub mod gain_change;

@@ -1,14 +1,13 @@
-//! Friction that differs by direction: turning down takes `S (1 + a)`, turning up `S (1 - a)`. Which of the two closes the valve
-//! depends on the actuator, so that sentences speak of OP.
+//! Friction that differs by direction: to reverse downwards takes `S (1 + a)`, to reverse upwards `S (1 - a)`. Which of the two
+//! closes the valve depends on the actuator, so that the sentence speaks of OP.
 //!
-//! Parameter: a (-), rate 1. Proposed by the search over all thresholds at some values of a.
+//! Parameter: a (-), rate 1. It is proposed by beam searches at some values of a.
 
 use crate::residual::effect::EffectModel;
-use crate::residual::hypotheses::{Proposal, Propose};
-use crate::residual::report::Described;
+use crate::residual::findings::{Described, Kind, Lasting};
+use crate::residual::hypotheses::proposal::{Proposal, Propose};
 use crate::residual::screening::Screen;
-use crate::residual::valve_search::{MOST_UNEQUAL, banded};
-use crate::residual::{Kind, Lasting};
+use crate::residual::valve_search::{MOST_UNEQUAL, propose_bands};
 use crate::sysid::armax::Armax;
 use crate::sysid::criterion::THRESHOLD;
 use crate::sysid::iddata::IdData;
@@ -35,7 +34,7 @@ impl EffectModel for Asymmetry {
     fn rate(&self) -> f64 {
         THRESHOLD
     }
-    fn on_valve(&self, valve: &mut ValveModel) {
+    fn change_valve(&self, valve: &mut ValveModel) {
         valve.asymmetry += self.a;
     }
     fn neighbours(&self, _data: &IdData, step: f64) -> Vec<Box<dyn EffectModel>> {
@@ -53,8 +52,8 @@ impl EffectModel for Asymmetry {
     }
 }
 
-/// The asymmetry.
-pub fn again(asymmetry: f64) -> Option<Box<dyn EffectModel>> {
+/// The asymmetric friction with this a (-).
+pub fn restored(asymmetry: f64) -> Option<Box<dyn EffectModel>> {
     (asymmetry.abs() < MOST_UNEQUAL).then(|| Asymmetry { a: asymmetry }.boxed())
 }
 
@@ -66,6 +65,6 @@ impl Propose for Asymmetries {
         if screen.hypothesis().has(Kind::AsymmetricFriction) {
             return Vec::new();
         }
-        banded(screen, &VALUES, |valve, a| valve.asymmetry += a, |a| Box::new(Asymmetry { a }))
+        propose_bands(screen, &VALUES, |valve, a| valve.asymmetry += a, |a| Box::new(Asymmetry { a }))
     }
 }

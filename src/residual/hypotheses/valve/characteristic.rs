@@ -1,12 +1,11 @@
-//! A curved valve characteristic: `(exp(Q x) - 1) / Q`, an equal-percentage valve; Q towards 0 is linear.
+//! A curved valve characteristic, that of an equal-percentage valve: `x -> (exp(Q x) - 1) / Q`. As Q goes to 0 it becomes linear.
 //!
 //! Parameter: Q (1/OP unit), rate 1/2. Alternatives: in the valve or in the process gain.
 
 use crate::residual::effect::EffectModel;
-use crate::residual::hypotheses::{Proposal, Propose};
-use crate::residual::report::Described;
+use crate::residual::findings::{Described, Kind, Lasting};
+use crate::residual::hypotheses::proposal::{Proposal, Propose};
 use crate::residual::screening::Screen;
-use crate::residual::{Kind, Lasting};
 use crate::signal::told;
 use crate::sysid::armax::{Armax, Smooth};
 use crate::sysid::criterion::REGULAR;
@@ -17,7 +16,7 @@ const MOST: f64 = 1.2;
 /// Largest relative change of a valve's gain over 1 % of OP's span (-). The flow `sqrt x` of a quick-opening valve has
 /// `d ln(gain)/dx = 1/(2 x)`, which is 0.1 per % at an opening x of 5 %; an equal-percentage valve of rangeability 100 has 0.046.
 const STEEPEST: f64 = 0.1;
-/// Farthest stem, in standard deviations of OP, over which the curve goes on.
+/// Farthest stem over which the curve goes on, so that the exponential stays finite (standard deviations of OP).
 const FARTHEST: f64 = 8.0;
 
 /// The characteristics.
@@ -25,13 +24,14 @@ pub struct Characteristics;
 
 #[derive(Clone, Debug)]
 struct Curve {
+    /// Curvature Q (1/standard deviation of OP).
     q: f64,
     /// Largest curvature (1/standard deviation of OP).
     most: f64,
 }
 
 impl Curve {
-    /// The curve of curvature `q`, or as much of it as a valve can have, times `share`.
+    /// The curve of curvature `q` (1/standard deviation of OP), clamped to a `share` of the largest curvature of a valve.
     fn new(data: &IdData, q: f64, share: f64) -> Self {
         let steepest = data.units.span.map_or(f64::INFINITY, |span| STEEPEST * 100.0 * data.units.u / span);
         let most = MOST.min(steepest);
@@ -58,14 +58,14 @@ impl EffectModel for Curve {
     fn set_smooth(&mut self, theta: &[f64]) {
         self.q = theta[0];
     }
-    fn bends(&self) -> bool {
+    fn maps_stem(&self) -> bool {
         true
     }
-    fn bend(&self, _data: &IdData, _k: usize, x: &mut [f64]) {
+    fn map_stem(&self, _data: &IdData, _k: usize, x: &mut [f64]) {
         for x in x {
             let inside = x.clamp(-FARTHEST, FARTHEST);
             let q = self.q * inside;
-            // The series where the quotient loses its digits.
+            // Near 0 the quotient loses its digits: the series takes its place.
             *x = if q.abs() < 1e-4 { inside * (1.0 + 0.5 * q) } else { q.exp_m1() / self.q };
         }
     }
@@ -84,8 +84,8 @@ impl EffectModel for Curve {
     }
 }
 
-/// The curve with this curvature (1/OP).
-pub fn again(data: &IdData, curvature_per_op: f64) -> Option<Box<dyn EffectModel>> {
+/// The curve with this curvature (1/OP unit).
+pub fn restored(data: &IdData, curvature_per_op: f64) -> Option<Box<dyn EffectModel>> {
     let q = curvature_per_op * data.units.u;
     q.is_finite().then(|| Curve::new(data, q, 1.0).boxed())
 }
@@ -96,8 +96,8 @@ impl Propose for Characteristics {
     }
     fn propose(&self, screen: &Screen<'_>) -> Vec<Proposal> {
         let square: Vec<f64> = screen.signals.x.iter().map(|x| 0.5 * x * x).collect();
-        let (gain, q) = screen.model.alone(screen.stem(&square));
-        // In the middle of what is allowed, so that the fit can go both ways.
+        let (gain, q) = screen.armax.single_gain(screen.stem_regressor(&square));
+        // At most half of the largest curvature, so that the fit can go both ways.
         vec![Proposal::new(Curve::new(screen.data, q, 0.5), gain)]
     }
 }

@@ -1,13 +1,12 @@
 //! Friction that changes over the record: S and J grow from `1 - d` to `1 + d` times themselves.
 //!
-//! Parameter: d (-), rate 1. Proposed by the search over all thresholds at some values of d.
+//! Parameter: d (-), rate 1. It is proposed by beam searches at some values of d.
 
-use crate::residual::Kind;
 use crate::residual::effect::EffectModel;
-use crate::residual::hypotheses::{Proposal, Propose};
-use crate::residual::report::Described;
+use crate::residual::findings::{Described, Kind};
+use crate::residual::hypotheses::proposal::{Proposal, Propose};
 use crate::residual::screening::Screen;
-use crate::residual::valve_search::{MOST_UNEQUAL, banded};
+use crate::residual::valve_search::{MOST_UNEQUAL, propose_bands};
 use crate::sysid::armax::Armax;
 use crate::sysid::criterion::THRESHOLD;
 use crate::sysid::iddata::IdData;
@@ -34,7 +33,7 @@ impl EffectModel for Drift {
     fn rate(&self) -> f64 {
         THRESHOLD
     }
-    fn on_valve(&self, valve: &mut ValveModel) {
+    fn change_valve(&self, valve: &mut ValveModel) {
         valve.drift += self.d;
     }
     fn neighbours(&self, _data: &IdData, step: f64) -> Vec<Box<dyn EffectModel>> {
@@ -61,6 +60,6 @@ impl Propose for Drifts {
         if screen.hypothesis().has(Kind::FrictionDrift) {
             return Vec::new();
         }
-        banded(screen, &VALUES, |valve, d| valve.drift += d, |d| Box::new(Drift { d }))
+        propose_bands(screen, &VALUES, |valve, d| valve.drift += d, |d| Box::new(Drift { d }))
     }
 }

@@ -1,13 +1,12 @@
-//! The stem runs into a stop: `min(x, level)` or `max(x, level)`.
+//! The stem runs into a stop: `x -> min(x, level)` or `x -> max(x, level)`.
 //!
-//! Parameter: level (OP unit), rate 1/2 as that of any kink. Alternatives: above or below; the stem itself is held, so that
-//! it leaves the stop only when the force has turned, or what passes the valve is limited behind it.
+//! Parameter: level (OP unit), rate 1/2, because nothing jumps at a kink. Alternatives: above or below; the stem itself is held, so
+//! that it leaves the stop only once the force has turned, or x is limited behind the stem.
 
 use crate::residual::effect::EffectModel;
-use crate::residual::hypotheses::{Proposal, Propose};
-use crate::residual::report::Described;
+use crate::residual::findings::{Described, Kind, Lasting};
+use crate::residual::hypotheses::proposal::{Proposal, Propose};
 use crate::residual::screening::Screen;
-use crate::residual::{Kind, Lasting};
 use crate::signal::told;
 use crate::sysid::armax::{Armax, Smooth};
 use crate::sysid::criterion::REGULAR;
@@ -15,7 +14,7 @@ use crate::sysid::iddata::IdData;
 use crate::sysid::stats::quantile;
 use crate::sysid::valve::ValveModel;
 
-/// Levels tried to each side: the stem is beyond them for these shares of the time.
+/// Levels that are screened on each side: the stem is beyond them for these shares of the time.
 const SHARES: [f64; 8] = [0.01, 0.03, 0.06, 0.1, 0.16, 0.24, 0.34, 0.45];
 /// Levels proposed.
 const LEVELS: usize = 2;
@@ -25,10 +24,13 @@ pub struct Saturations;
 
 #[derive(Clone, Debug)]
 struct Stop {
+    /// Level of the stop (deviation from the mean of OP, in its standard deviations).
     level: f64,
+    /// Whether it is the upper stop.
     above: bool,
     /// Whether the stem itself is held.
     held: bool,
+    /// Least and largest level.
     bounds: (f64, f64),
 }
 
@@ -51,17 +53,17 @@ impl EffectModel for Stop {
     fn set_smooth(&mut self, theta: &[f64]) {
         self.level = theta[0];
     }
-    fn bends(&self) -> bool {
+    fn maps_stem(&self) -> bool {
         !self.held
     }
-    fn on_valve(&self, valve: &mut ValveModel) {
+    fn change_valve(&self, valve: &mut ValveModel) {
         if self.held {
             let (low, high) = valve.stops.unwrap_or((f64::NEG_INFINITY, f64::INFINITY));
             valve.stops =
                 Some(if self.above { (low, high.min(self.level)) } else { (low.max(self.level), high) });
         }
     }
-    fn bend(&self, _data: &IdData, _k: usize, x: &mut [f64]) {
+    fn map_stem(&self, _data: &IdData, _k: usize, x: &mut [f64]) {
         for x in x {
             *x = if self.above { x.min(self.level) } else { x.max(self.level) };
         }
@@ -85,14 +87,14 @@ impl EffectModel for Stop {
 }
 
 /// The stop at this level (OP unit); `None` where OP does not reach it.
-pub fn again(data: &IdData, level: f64, above: bool, held: bool) -> Option<Box<dyn EffectModel>> {
+pub fn restored(data: &IdData, level: f64, above: bool, held: bool) -> Option<Box<dyn EffectModel>> {
     let level = (level - data.units.u0) / data.units.u;
-    let bounds = within(&data.u[data.rows()]);
+    let bounds = reached(&data.u[data.rows()]);
     (bounds.0..=bounds.1).contains(&level).then(|| Stop { level, above, held, bounds }.boxed())
 }
 
-/// Levels that a stem reaches, or OP.
-fn within(x: &[f64]) -> (f64, f64) {
+/// The range of levels that a signal reaches, without its extreme 0.2 % on each side.
+fn reached(x: &[f64]) -> (f64, f64) {
     (quantile(x, 0.002), quantile(x, 0.998))
 }
 
@@ -107,22 +109,22 @@ impl Propose for Saturations {
         let data = screen.data;
         let stem = &screen.signals.x;
         let own = &stem[data.rows()];
-        let bounds = within(own);
+        let bounds = reached(own);
         let mut out = Vec::new();
         for above in [false, true] {
             for share in SHARES {
                 let level = quantile(own, if above { 1.0 - share } else { share });
                 let stop = Stop { level, above, held: false, bounds };
                 let mut x = stem.clone();
-                stop.bend(data, 0, &mut x);
-                // A part of the stem that does not arrive: its coefficient is -1 where all of it is lost.
+                stop.map_stem(data, 0, &mut x);
+                // The part of the stem that the stop keeps back.
                 let lost: Vec<f64> = x.iter().zip(stem).map(|(x, stem)| x - stem).collect();
-                let gain = screen.model.alone(screen.stem(&lost)).0;
+                let gain = screen.armax.single_gain(screen.stem_regressor(&lost)).0;
                 out.push((stop, gain));
             }
         }
         out.sort_by(|a: &(Stop, f64), b| b.1.total_cmp(&a.1));
-        out.truncate(screen.most(LEVELS));
+        out.truncate(screen.limit(LEVELS));
         if screen.hypothesis().valve.is_some() {
             let held = out.iter().map(|(stop, gain)| (Stop { held: true, ..stop.clone() }, *gain));
             out.extend(held.collect::<Vec<_>>());

@@ -1,45 +1,56 @@
-//! The normal equations of one iteration, and the step they give within the bounds.
+//! The normal equations of one iteration, and the Levenberg–Marquardt step that they give within the bounds.
+//!
+//! ```text
+//! (J'J + damping diag(J'J)) d = -J'e,    J = de/d(coefficients)
+//! V(theta + d) ~ V(theta) + (2 (J'e)' d + d' J'J d) / N
+//! bounds: every zero of C keeps |q| <= RHO (to first order), 0 <= lag <= max
+//! ```
 
-use super::{Lag, MAX_PARAMETERS, Orders, RHO, Theta};
+use super::model::{Lag, MAX_PARAMETERS, Orders, RHO, Theta};
 use crate::sysid::least_squares::{MOST_COLUMNS, factor, substitute};
 use crate::sysid::zeros::{MARGIN, draw_inside, is_inside, outward, zeros};
 
-/// Place of y among the signals of a column.
+/// Index of y among the signals of the columns.
 const Y: usize = 0;
-/// Place of z there.
+/// Index of z there.
 const Z: usize = 1;
-/// Place of e there.
+/// Index of e there.
 const E: usize = 2;
-/// Place of the constant there, which needs no signal.
+/// Index of the constant there, which needs no signal.
 pub(super) const CONSTANT: usize = 3;
-/// Place of the derivative by the lag there.
+/// Index of the derivative by the lag there.
 const LAG: usize = 4;
 
+/// One number for each coefficient, in the order a, b, c, c0, lag.
 type Parameters = [f64; MAX_PARAMETERS];
 
-/// Most bounds that a step can meet: a zero of C each, and the lag.
+/// Most bounds that a step can meet: one for each zero of C, and one of the lag.
 const BOUNDS: usize = 5;
 
-/// `J'J` and `J'e`.
-pub(super) struct Normal {
-    /// Lower triangle.
+/// The normal equations at one model.
+pub(super) struct NormalEquations {
+    /// `J'J`, lower triangle.
     pub(super) jtj: [Parameters; MAX_PARAMETERS],
+    /// `J'e`.
     pub(super) jte: Parameters,
-    /// (signal, lag) of each column, in the order a, b, c, c0, lag.
+    /// Signal and lag of each column of J.
     pub(super) columns: [(usize, usize); MAX_PARAMETERS],
+    /// Number of columns.
     pub(super) size: usize,
     orders: Orders,
+    /// Number N of rows that count.
     rows: f64,
 }
 
-/// A step must keep `row' d <= right`.
+/// A linear constraint on the step d: `row' d <= right`.
 #[derive(Clone, Copy)]
-struct Bound {
+struct Constraint {
     row: Parameters,
     right: f64,
 }
 
-impl Normal {
+impl NormalEquations {
+    /// The columns for these orders; all products are 0 yet.
     pub(super) fn new(orders: Orders, free_lag: bool, rows: usize) -> Self {
         let mut columns = [(Y, 0); MAX_PARAMETERS];
         let wanted = (1..=orders.na)
@@ -57,7 +68,7 @@ impl Normal {
         Self { jtj, jte: [0.0; MAX_PARAMETERS], columns, size, orders, rows: rows as f64 }
     }
 
-    /// e falls with b, c and c0 and grows with a and the lag.
+    /// Gives the columns their signs: e decreases with b, c and c0, and increases with a and the lag.
     pub(super) fn apply_signs(&mut self) {
         let sign = |signal: usize| if matches!(signal, Z | E | CONSTANT) { -1.0 } else { 1.0 };
         for i in 0..self.size {
@@ -69,10 +80,10 @@ impl Normal {
         }
     }
 
-    /// Where the damped step leads from `theta`, and the decrease of V that the quadratic model promises there.
+    /// The coefficients after the damped step from `theta`, and the decrease of V that the quadratic model predicts for it.
     ///
-    /// A step that would leave the bounds goes to where the quadratic model is least on them: to stop short at them would
-    /// leave the other coefficients where no minimum is.
+    /// A step that would leave the bounds goes to the minimum of the quadratic model on the bounds. If it were only shortened, the
+    /// other coefficients would not reach their minimum.
     pub(super) fn step(&self, theta: &Theta, damping: f64, lag: Lag) -> (Theta, f64) {
         let n = self.size;
         let mut g = [0.0; MAX_PARAMETERS * MAX_PARAMETERS];
@@ -90,45 +101,47 @@ impl Normal {
         let next = self.moved(theta, &free);
         let range = if let Lag::Free { max } = lag { 0.0..=max } else { theta.lag..=theta.lag };
         if is_inside(&next.c[..self.orders.nc], RHO) && range.contains(&next.lag) {
-            return (next, self.promised(&free));
+            return (next, self.predicted_decrease(&free));
         }
-        let mut bounds = [Bound { row: [0.0; MAX_PARAMETERS], right: 0.0 }; BOUNDS + 1];
-        let count = self.bounds(theta, lag, &mut bounds);
-        let step = within(&free, &bounds[..count], n, solve);
+        let mut constraints = [Constraint { row: [0.0; MAX_PARAMETERS], right: 0.0 }; BOUNDS + 1];
+        let count = self.constraints(theta, lag, &mut constraints);
+        let step = constrained_step(&free, &constraints[..count], n, solve);
         let mut next = self.moved(theta, &step);
         draw_inside(&mut next.c[..self.orders.nc], RHO);
         next.lag = next.lag.clamp(*range.start(), *range.end());
-        (next, self.promised(&step))
+        (next, self.predicted_decrease(&step))
     }
 
-    /// What bounds a step from `theta`: every zero of C on its way out, to first order, and the lag.
-    fn bounds(&self, theta: &Theta, lag: Lag, bounds: &mut [Bound; BOUNDS + 1]) -> usize {
+    /// Puts the constraints on a step from `theta` into `constraints`: the modulus of every zero of C, to first order, and the lag.
+    ///
+    /// Returns their number.
+    fn constraints(&self, theta: &Theta, lag: Lag, constraints: &mut [Constraint; BOUNDS + 1]) -> usize {
         let Orders { na, nb, nc, .. } = self.orders;
         let mut count = 0;
         if let Lag::Free { max } = lag {
             for (sign, right) in [(-1.0, theta.lag), (1.0, max - theta.lag)] {
                 let mut row = [0.0; MAX_PARAMETERS];
                 row[self.size - 1] = sign;
-                bounds[count] = Bound { row, right };
+                constraints[count] = Constraint { row, right };
                 count += 1;
             }
         }
         let c = &theta.c[..nc];
         let Some(zeros) = zeros(c) else { return count };
-        // Of two conjugates one is enough; the iteration leaves rounding on a real zero.
+        // One of two conjugate zeros is enough. The iteration leaves a real zero with an imaginary part of rounding size.
         for zero in zeros[..nc].iter().filter(|zero| zero.im > -1e-9 * zero.norm()) {
             let mut row = [0.0; MAX_PARAMETERS];
             outward(c, *zero, &mut row[na + nb..na + nb + nc]);
             if count <= BOUNDS && row.iter().all(|r| r.is_finite()) {
-                bounds[count] = Bound { row, right: RHO * (1.0 - MARGIN) - zero.norm() };
+                constraints[count] = Constraint { row, right: RHO * (1.0 - MARGIN) - zero.norm() };
                 count += 1;
             }
         }
         count
     }
 
-    /// The decrease of V that the quadratic model promises for a step: `-(2 g'd + d'J'Jd)/N`, g = J'e.
-    fn promised(&self, step: &Parameters) -> f64 {
+    /// The decrease of V that the quadratic model predicts for a step d: `-(2 (J'e)'d + d'J'Jd)/N`, at least 0.
+    fn predicted_decrease(&self, step: &Parameters) -> f64 {
         let mut sum = 0.0;
         for i in 0..self.size {
             let row: f64 = self.jtj[i][..i].iter().zip(step).map(|(j, d)| j * d).sum();
@@ -137,6 +150,7 @@ impl Normal {
         sum.max(0.0) / self.rows
     }
 
+    /// `theta` plus a step.
     fn moved(&self, theta: &Theta, step: &Parameters) -> Theta {
         let Orders { na, nb, .. } = self.orders;
         let mut next = *theta;
@@ -153,40 +167,43 @@ impl Normal {
     }
 }
 
-/// The step nearest to `free`, measured by the quadratic model, that keeps the bounds: those it breaks are made
-/// equalities, the worst first, until it keeps all.
-fn within(
+/// The minimum of the quadratic model under the constraints, by an active set: the constraint that is violated most becomes an
+/// equality, until none is violated.
+///
+/// * `free`: the minimum without constraints, of `n` coefficients.
+/// * `solve`: `G^-1` of the damped `G = J'J` times a vector.
+fn constrained_step(
     free: &Parameters,
-    bounds: &[Bound],
+    constraints: &[Constraint],
     n: usize,
     solve: impl Fn(Parameters) -> Parameters,
 ) -> Parameters {
     let product = |a: &Parameters, b: &Parameters| a[..n].iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let mut step = *free;
-    // The bounds that hold, and `G^-1` times their rows.
-    let mut held: [(usize, Parameters); BOUNDS] = [(0, [0.0; MAX_PARAMETERS]); BOUNDS];
+    // The active constraints, and `G^-1` times their rows.
+    let mut active: [(usize, Parameters); BOUNDS] = [(0, [0.0; MAX_PARAMETERS]); BOUNDS];
     for count in 0..BOUNDS {
-        let excess = |i: usize| product(&bounds[i].row, &step) - bounds[i].right;
-        let broken = (0..bounds.len())
-            .filter(|i| held[..count].iter().all(|(known, _)| known != i) && excess(*i) > 1e-9);
-        let Some(worst) = broken.max_by(|&a, &b| excess(a).total_cmp(&excess(b))) else { break };
-        held[count] = (worst, solve(bounds[worst].row));
-        let held = &held[..=count];
+        let excess = |i: usize| product(&constraints[i].row, &step) - constraints[i].right;
+        let violated = (0..constraints.len())
+            .filter(|i| active[..count].iter().all(|(known, _)| known != i) && excess(*i) > 1e-9);
+        let Some(worst) = violated.max_by(|&a, &b| excess(a).total_cmp(&excess(b))) else { break };
+        active[count] = (worst, solve(constraints[worst].row));
+        let active = &active[..=count];
         let mut gram = [0.0; BOUNDS * BOUNDS];
-        let mut force = [0.0; BOUNDS];
-        for (i, (at, _)) in held.iter().enumerate() {
-            for (j, (_, column)) in held[..=i].iter().enumerate() {
-                gram[i * BOUNDS + j] = product(&bounds[*at].row, column);
+        let mut multipliers = [0.0; BOUNDS];
+        for (i, (at, _)) in active.iter().enumerate() {
+            for (j, (_, column)) in active[..=i].iter().enumerate() {
+                gram[i * BOUNDS + j] = product(&constraints[*at].row, column);
             }
-            force[i] = product(&bounds[*at].row, free) - bounds[*at].right;
+            multipliers[i] = product(&constraints[*at].row, free) - constraints[*at].right;
         }
         let mut live = [true; MOST_COLUMNS];
-        factor(&mut gram, BOUNDS, held.len(), &mut live);
-        substitute(&gram, BOUNDS, &live, &mut force[..held.len()]);
+        factor(&mut gram, BOUNDS, active.len(), &mut live);
+        substitute(&gram, BOUNDS, &live, &mut multipliers[..active.len()]);
         step = *free;
-        for ((_, column), force) in held.iter().zip(force) {
+        for ((_, column), multiplier) in active.iter().zip(multipliers) {
             for (step, column) in step.iter_mut().zip(column) {
-                *step -= force * column;
+                *step -= multiplier * column;
             }
         }
     }

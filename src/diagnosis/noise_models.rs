@@ -1,16 +1,22 @@
-//! Where the prediction-error minimum may lie: a library of noise models, each with its exact best A and B.
+//! The library of noise models C: starts of the prediction-error fit, each with the A and B that are best for its C.
 //!
-//! Given C, the model is linear: with `y' = y/C`, `z' = z/C` and `1' = 1/C` the loss of
-//! `A(q) y' = B(q) z' + c0 1' + e` is least squares in a, b and c0. Only the zeros of C are searched, over a
-//! library of places in the unit circle: dense where loops have them (slow loads near 1, oscillating loads
-//! near the circle at low angles, ripple near -1). One Gram matrix of `y'` and `z'` serves every split and delay
-//! of one C. The Hannan–Rissanen start, which takes the errors of a long ARX for e, misses zeros near the
-//! circle; random starts find them, at a hundred times the cost.
+//! ```text
+//! A(q) y' = B(q) z' + c0 1' + e,    y' = y/C,  z' = z/C,  1' = 1/C
+//! ```
+//!
+//! * Given C, the model is linear in a, b and c0, and least squares gives them (variable projection).
+//! * So only the zeros of C are searched. The library has them dense where loops have them: slow loads near 1, oscillating loads
+//!   near the unit circle at low angles, ripple near -1.
+//! * One Gram matrix of y' and z' serves every split of the orders and every delay of one C.
+//!
+//! The loss has several minima. The Hannan–Rissanen start ([`super::screen`]), which takes the errors of a long ARX for e, misses
+//! those with zeros of C near the circle. Random starts find them at a hundred times the cost.
 //!
 //! Source: Golub & Pereyra, SIAM J. Numer. Anal. 1973, 10, 413 (variable projection).
 
 use super::armax::{ORDER, Orders, Signals, Theta, Workspace};
-use super::screen::{Candidate, Lags, products, sums};
+use super::lagged_products::{Lags, products, sums};
+use super::screen::Candidate;
 use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, substitute};
 
 /// Single real zeros for C of order 1: dense near 1, where slow loads put them, and near -1, where ripple does.
@@ -51,21 +57,23 @@ const SHARP: [(f64, f64); 10] = [
     (0.975, 0.75),
     (0.975, 1.0),
 ];
-/// Every which real zero and pair goes into C of order 4, which serves a single split.
+/// Of so many real zeros and pairs one goes into C of order 4, which serves a single split.
 const THINNED: usize = 2;
 
-/// Buffers of the exploration, planned once for a record.
+/// The library and its buffers, allocated once for a record.
 #[derive(Clone, Debug)]
-pub struct Explorer {
-    library: Vec<NoiseModel>,
+pub struct Library {
+    models: Vec<NoiseModel>,
+    /// Gram matrix of the lags of y' and z', lower triangle.
     gram: Vec<f64>,
+    /// Sums of the columns.
     sums: Vec<f64>,
-    /// The best of each structure, in the order of `splits` at each delay.
+    /// The best model of each structure, those with a smaller nc first.
     best: Vec<Candidate>,
     max_delay: usize,
 }
 
-/// One C of the library.
+/// One polynomial C.
 #[derive(Clone, Copy, Debug)]
 struct NoiseModel {
     nc: usize,
@@ -75,12 +83,12 @@ struct NoiseModel {
 /// Room for the lags of y' of the longest A, with lag 0.
 const Y_COLUMNS: usize = ORDER;
 
-impl Explorer {
-    /// Plans the buffers for delays `1..=max_delay`.
+impl Library {
+    /// The library, with buffers for delays `1..=max_delay`.
     pub fn new(max_delay: usize) -> Self {
         let size = Y_COLUMNS + max_delay + ORDER - 2;
         Self {
-            library: library(),
+            models: noise_models(),
             gram: vec![0.0; size * size],
             sums: vec![0.0; size],
             best: Vec::with_capacity(10 * max_delay),
@@ -88,14 +96,14 @@ impl Explorer {
         }
     }
 
-    /// The best C of the library for every structure with `nc >= 1`, at the stem position `x - lag dir`.
+    /// The best model for every structure with `nc >= 1`, at the stem position `x - lag dir`.
     ///
-    /// Losses are exact but for the transient of the constant behind 1/C.
-    pub fn explore(&mut self, work: &mut Workspace, s: &Signals<'_>, lag: f64) -> &[Candidate] {
+    /// Losses are exact, except that 1/C of the constant is taken as constant from its first sample on.
+    pub fn best_models(&mut self, work: &mut Workspace, s: &Signals<'_>, lag: f64) -> &[Candidate] {
         self.best.clear();
         work.load_stem(s, lag);
-        for at in 0..self.library.len() {
-            let noise = self.library[at];
+        for at in 0..self.models.len() {
+            let noise = self.models[at];
             let base = self.base(noise.nc);
             if base == self.best.len() {
                 self.add_structures(noise.nc);
@@ -112,11 +120,12 @@ impl Explorer {
         &self.best
     }
 
-    /// Where the structures of one `nc` begin; those of smaller ones come first.
+    /// Index of the first structure with this `nc` in `best`.
     fn base(&self, nc: usize) -> usize {
         (1..nc).map(|nc| (ORDER - 1 - nc) * self.max_delay).sum()
     }
 
+    /// Adds the structures with this `nc` to `best`, without a model yet.
     fn add_structures(&mut self, nc: usize) {
         for nk in 1..=self.max_delay {
             for na in 1..ORDER - nc {
@@ -126,9 +135,9 @@ impl Explorer {
         }
     }
 
-    /// The lagged products of y' and z' that the structures with this C need.
+    /// Computes the Gram matrix of the lags of y' and z' that the structures with this C have.
     fn multiply(&mut self, work: &mut Workspace, s: &Signals<'_>, noise: NoiseModel) {
-        let [y, z] = work.divide(s, &noise.c[..noise.nc]);
+        let [y, z] = work.divide_by_c(s, &noise.c[..noise.nc]);
         let y = Lags { v: y, from: 0, count: ORDER - noise.nc };
         let z = Lags { v: z, from: 1, count: self.max_delay + ORDER - noise.nc - 2 };
         let size = self.sums.len();
@@ -139,7 +148,7 @@ impl Explorer {
         sums(z, s.counted(), &mut self.sums[Y_COLUMNS..]);
     }
 
-    /// Least squares of y' on its lags, those of z' and a constant.
+    /// Least squares of y' on its lags, those of z' and a constant: a and b, and the mean square of the residual.
     fn solve(&self, orders: Orders, rows: usize) -> (Theta, f64) {
         /// Room for the coefficients of A and B, which C leaves fewer than all.
         const MOST: usize = ORDER;
@@ -170,13 +179,13 @@ impl Explorer {
             *a = -s;
         }
         theta.b[..orders.nb].copy_from_slice(&solution[orders.na..n]);
-        // The constant in front of 1/C is not needed well: the minimisation corrects it in its first step.
+        // c0 stays 0: the minimisation finds it in its first step.
         (theta, if loss.is_finite() { loss } else { f64::INFINITY })
     }
 }
 
-/// Every C of the library, shorter ones first.
-fn library() -> Vec<NoiseModel> {
+/// Every C of the library, lower orders first.
+fn noise_models() -> Vec<NoiseModel> {
     let real = |zero: f64| vec![1.0, -zero];
     let pair = |&(modulus, angle): &(f64, f64)| vec![1.0, -2.0 * modulus * angle.cos(), modulus * modulus];
     let together: Vec<Vec<f64>> = REAL_TOGETHER.map(real).into();
@@ -232,7 +241,7 @@ mod tests {
 
     #[test]
     fn the_library_has_no_duplicates_and_only_stable_models() {
-        let library = library();
+        let library = noise_models();
         assert!(library.is_sorted_by_key(|model| model.nc));
         for (i, model) in library.iter().enumerate() {
             assert!((1..=ORDER - 2).contains(&model.nc) && is_inside(&model.c[..model.nc], RHO), "{model:?}");
@@ -248,7 +257,7 @@ mod tests {
     fn a_noise_model_of_the_library_is_recognised() {
         let (n, mut rng) = (3000, Pcg64Mcg::seed_from_u64(3));
         let mut uniform = || rng.random::<f64>() - 0.5;
-        let model = library()[20];
+        let model = noise_models()[20];
         assert_eq!(model.nc, 2);
         let x: Vec<f64> = (0..n).map(|k| (k as f64 * 0.05).sin() + uniform()).collect();
         let e: Vec<f64> = (0..n).map(|_| 0.1 * uniform()).collect();
@@ -260,8 +269,8 @@ mod tests {
         let dir = vec![1.0; n];
         let s = Signals { y: &y, x: &x, dir: &dir, start: 0, first: 40, rows: Default::default() };
         let mut work = Workspace::new(n);
-        let mut explorer = Explorer::new(4);
-        let best = explorer.explore(&mut work, &s, 0.0);
+        let mut library = Library::new(4);
+        let best = library.best_models(&mut work, &s, 0.0);
         let orders = Orders { na: 2, nb: 2, nc: 2, nk: 2 };
         let found = best.iter().find(|c| c.orders == orders).expect("every structure is there");
         assert_eq!(found.theta.c, model.c);

@@ -1,4 +1,6 @@
-//! Errors where some samples do not count: the Kalman filter of the ARMAX model.
+//! The prediction errors where some samples do not count: the Kalman filter of the ARMAX model.
+//!
+//! The model in innovations form, with the state x of three entries:
 //!
 //! ```text
 //! y[k] = known[k] + x1[k] + e[k]          x[k+1] = F x[k] - a known[k] + K e[k]
@@ -6,30 +8,38 @@
 //! S = P11 + 1,   L = (F P h' + K) / S,    P[k+1] = F P F' + K K' - L L' S
 //! ```
 //!
-//! `known` is what OP and loads do, `P` what is not known of the state (errors' variance). Where nothing was ever missing P is 0
-//! and L is K: the errors are those of the recursion. Behind a hole a prediction is less exact, `S > 1`: its error is divided
-//! by `sqrt S`, and soon enough L has found the state again. A row that is right but says nothing passes PV on, not its error.
+//! | symbol | what it is | unit |
+//! |---|---|---|
+//! | `known` | what the stem, the loads and the constant do to PV | PV |
+//! | `P` | covariance of the error of the state | variance of e |
+//! | `S` | variance of the prediction error | variance of e |
+//! | `L` | gain of the filter | – |
+//!
+//! * Before anything is missing, `P = 0` and `L = K`: the errors are those of the plain recursion.
+//! * A missing sample has no error. It adds `K K'` to P, and its prediction takes the place of PV.
+//! * After it, `S > 1`. The error is divided by `sqrt S`, until P is 0 again.
+//! * A sample with the right PV that must not count ([`IdData::known`]) hands on PV, but no error.
 //!
 //! Source: Harvey & Pierse, J. Am. Stat. Assoc. 1984, 79, 125.
 
-use super::{Armax, ORDER};
+use super::model::{Armax, ORDER};
 use crate::sysid::iddata::IdData;
 
-/// Variance of the state below which it is known again.
+/// Variance of the state (variances of e) below which the state is known again.
 const KNOWN: f64 = 1e-10;
 
-/// How an error passes on at each sample; empty where all samples count.
+/// What the filter found at each sample; empty where all samples count.
 #[derive(Clone, Debug, Default)]
 pub struct Gains {
-    /// `a + L`: what the prediction takes of a disturbance, K + a = c where nothing is missing.
+    /// `a + L`: how the prediction error enters the next state. It is c where nothing is missing.
     gain: Vec<[f64; ORDER]>,
-    /// `sqrt S`.
+    /// `sqrt S`: standard deviation of the prediction error (standard deviations of e).
     pub root: Vec<f64>,
-    /// The likeliest error of each sample, `(y - predicted) / S`.
+    /// The expectation of e given the prediction error: `(y - predicted) / S` (PV unit).
     pub likeliest: Vec<f64>,
 }
 
-/// P, full and symmetric, row by row.
+/// The covariance P: full, symmetric, row by row.
 type Covariance = [[f64; ORDER]; ORDER];
 
 impl Gains {
@@ -38,8 +48,10 @@ impl Gains {
         self.gain.is_empty()
     }
 
-    /// `sum ln sqrt S` over the rows that count: what the likelihood loses.
-    pub fn lost(&self, data: &IdData) -> f64 {
+    /// `sum of ln sqrt S` over the rows that count: half the logarithm of the determinant of the errors' covariance.
+    ///
+    /// The log-likelihood of the scaled errors is too large by it.
+    pub fn half_log_det(&self, data: &IdData) -> f64 {
         if self.is_empty() {
             return 0.0;
         }
@@ -47,9 +59,11 @@ impl Gains {
         rows.filter(|k| data.weight[*k] > 0.0).map(|k| self.root[k].ln()).sum()
     }
 
-    /// What a change of `direct`, and of the state's entry `at` by `source`, does to the prediction of each sample, in its own
-    /// standard deviation.
-    pub fn through(
+    /// The derivative of each prediction by a parameter, divided by `sqrt S`; 0 before `begin`.
+    ///
+    /// * `direct`: derivative of `known[k]` by the parameter.
+    /// * `source`: entry (0..2) of the next state that the parameter enters, its sign, and the signal it multiplies.
+    pub fn sensitivity(
         &self,
         begin: usize,
         direct: impl Fn(usize) -> f64,
@@ -76,7 +90,12 @@ impl Gains {
 }
 
 impl Armax {
-    /// The errors from `begin` on, each in its own standard deviation; PV is filled with its prediction where it is missing.
+    /// Runs the filter from sample `begin` on.
+    ///
+    /// * `known`: what the stem, the loads and the constant do to PV (PV unit).
+    /// * `y`: PV; a missing sample receives its prediction.
+    /// * `e`: receives the prediction errors, each divided by its `sqrt S`; it must come filled with 0.
+    /// * `gains`: receives what [`Gains`] lists.
     pub(super) fn filter(
         &self,
         data: &IdData,
@@ -89,7 +108,7 @@ impl Armax {
         let (a, c, to) = (self.a, self.c, y.len());
         let steady: [f64; ORDER] = std::array::from_fn(|i| c[i] - a[i]);
         gains.gain.clear();
-        // Before the recursion starts there are no errors, so that no change passes on.
+        // There are no errors before the recursion starts, so the gain is 0 there.
         gains.gain.resize(to, [0.0; ORDER]);
         gains.root.clear();
         gains.root.resize(to, 1.0);
@@ -109,14 +128,14 @@ impl Armax {
                 let (gain, s) = p.as_ref().map_or((steady, 1.0), |p| self.gain(p));
                 (e[k], gains.likeliest[k]) = (error / s.sqrt(), error / s);
                 p = p
-                    .map(|p| self.observed(&p, &gain, s))
+                    .map(|p| self.covariance_after_counted(&p, &gain, s))
                     .filter(|p| p.iter().flatten().any(|v| v.abs() > KNOWN));
                 (gain, s.sqrt())
             } else if data.known[k] {
-                p = Some(self.passed(&p.unwrap_or_default()));
+                p = Some(self.covariance_after_known(&p.unwrap_or_default()));
                 (a.map(|a| -a), 1.0)
             } else {
-                p = Some(self.unseen(&p.unwrap_or_default()));
+                p = Some(self.covariance_after_missing(&p.unwrap_or_default()));
                 ([0.0; ORDER], 1.0)
             };
             gains.root[k] = root;
@@ -128,21 +147,21 @@ impl Armax {
     }
 
     /// `F P`.
-    fn advanced(&self, p: &Covariance) -> Covariance {
+    fn f_times(&self, p: &Covariance) -> Covariance {
         std::array::from_fn(|i| {
             std::array::from_fn(|j| p.get(i + 1).map_or(0.0, |next| next[j]) - self.a[i] * p[0][j])
         })
     }
 
-    /// L and S.
+    /// The gain L and the variance S of the prediction error.
     fn gain(&self, p: &Covariance) -> ([f64; ORDER], f64) {
-        let (fp, s) = (self.advanced(p), p[0][0] + 1.0);
+        let (fp, s) = (self.f_times(p), p[0][0] + 1.0);
         (std::array::from_fn(|i| (fp[i][0] + self.c[i] - self.a[i]) / s), s)
     }
 
-    /// P behind a sample that is missing: `F P F' + K K'`.
-    fn unseen(&self, p: &Covariance) -> Covariance {
-        let fp = self.advanced(p);
+    /// P after a missing sample: `F P F' + K K'`.
+    fn covariance_after_missing(&self, p: &Covariance) -> Covariance {
+        let fp = self.f_times(p);
         let k: [f64; ORDER] = std::array::from_fn(|i| self.c[i] - self.a[i]);
         std::array::from_fn(|i| {
             std::array::from_fn(|j| {
@@ -151,14 +170,16 @@ impl Armax {
         })
     }
 
-    /// P behind one that counts.
-    fn observed(&self, p: &Covariance, gain: &[f64; ORDER], s: f64) -> Covariance {
-        let whole = self.unseen(p);
+    /// P after a sample that counts: `F P F' + K K' - L L' S`.
+    fn covariance_after_counted(&self, p: &Covariance, gain: &[f64; ORDER], s: f64) -> Covariance {
+        let whole = self.covariance_after_missing(p);
         std::array::from_fn(|i| std::array::from_fn(|j| whole[i][j] - gain[i] * gain[j] * s))
     }
 
-    /// P behind one whose PV is right and whose error is left out: the state is shifted and lacks `c e`.
-    fn passed(&self, p: &Covariance) -> Covariance {
+    /// P after a sample whose PV is right and whose error is left out.
+    ///
+    /// The next state is then `x_i[k+1] = x_{i+1}[k] - a_i y[k] + c_i e[k]` with an unknown e: P is shifted and grows by `c c'`.
+    fn covariance_after_known(&self, p: &Covariance) -> Covariance {
         let c = self.c;
         std::array::from_fn(|i| {
             std::array::from_fn(|j| {

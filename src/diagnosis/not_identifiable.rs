@@ -1,0 +1,248 @@
+//! Why a record says nothing about the valve: the reasons, their machine-readable codes, and the sentence that an operator reads.
+
+use crate::signal::{Role, figures, moment};
+use std::fmt;
+
+/// The reason of the verdict `not_identifiable`.
+#[derive(Clone, Debug, PartialEq)]
+pub enum NotIdentifiable {
+    /// There are fewer usable samples than a diagnosis needs.
+    TooShort {
+        /// Usable samples.
+        n: usize,
+        /// Samples needed.
+        need: usize,
+    },
+    /// The stamps give no sample period: they are all equal, or not finite.
+    NoTimeBase,
+    /// More samples are missing or bad than is allowed, or too few good ones are left together.
+    Gaps {
+        /// Share missing (0..1).
+        share: f64,
+    },
+    /// OP or PV is silent, so the samples that are kept say nothing of the loop as it is now. The scheduler, which has a clock,
+    /// finds it.
+    Silent {
+        /// Which of the two.
+        tag: Role,
+        /// Stamp of its last good sample (s).
+        since: f64,
+    },
+    /// OP and PV are read at different times. The controller acts in between, which hides the stem.
+    ReadApart {
+        /// Share of the rows whose OP and PV were read apart (0..1).
+        share: f64,
+    },
+    /// The configured period of the rows is shorter than the interval of the samples, so rows would repeat a measurement.
+    TsTooShort {
+        /// The configured period (s).
+        ts: f64,
+        /// The interval of the samples, the longer of OP's and PV's (s).
+        samples_s: f64,
+    },
+    /// OP does not move.
+    FlatOp,
+    /// PV does not move for most of the window, or its source marks it as stale.
+    FlatPv,
+    /// OP is at a limit for too much of the window.
+    Saturated {
+        /// Share at a limit (0..1).
+        share: f64,
+    },
+    /// The loop is never in automatic for long enough at a time.
+    Manual {
+        /// Share of the time in automatic (0..1).
+        share_auto: f64,
+    },
+    /// The mode cannot be read, so the loop is not known to be in automatic for long enough at a time.
+    ModeUnknown {
+        /// Share of the time with an unknown mode (0..1).
+        share: f64,
+    },
+    /// OP reverses too seldom, or by too little, for friction to show.
+    NotExcited {
+        /// Number of reversals of OP that are larger than its noise.
+        reversals: usize,
+    },
+    /// The oscillation has too few samples in a period, so another oscillation is seen in its place (aliasing).
+    Undersampled {
+        /// Samples in one period; the samples of one running mean count as one.
+        samples: f64,
+        /// The longest interval of polls that is short enough (s); `None` where only the running mean makes the samples too few.
+        poll_s: Option<f64>,
+        /// Length of the running mean (s), where PV is one.
+        mean_s: Option<f64>,
+    },
+    /// A term of write-back acted. It hides friction, so friction that does not show may be there.
+    Compensated,
+    /// Friction of any size would not have shown.
+    HiddenFriction {
+        /// Largest reversal of OP, in words.
+        reversal: String,
+        /// Largest S, dead band plus stick band, that was tried and would not have shown, in words; `None` where there is none.
+        friction: Option<String>,
+    },
+    /// OP moves, and PV does not respond visibly beside its other influences: a large load, a valve that is always stuck, or a
+    /// valve of another loop.
+    NoResponse,
+    /// Friction predicts PV better than no friction does, but PV does not follow the stem significantly, or moves against it
+    /// beside OP.
+    /// A load that jumps looks like this.
+    StemNotFollowed,
+    /// Values too large or too small to compute with.
+    OutOfScale,
+    /// The deadline of the run passed, or the run was asked to stop.
+    DeadlineExceeded,
+}
+
+impl NotIdentifiable {
+    /// Every [`NotIdentifiable::code`].
+    pub const CODES: [&str; 19] = [
+        "too_short",
+        "no_time_base",
+        "gaps",
+        "silent",
+        "read_apart",
+        "ts_too_short",
+        "flat_op",
+        "flat_pv",
+        "saturated",
+        "manual",
+        "mode_unknown",
+        "not_excited",
+        "undersampled",
+        "compensated",
+        "hidden_friction",
+        "no_response",
+        "stem_not_followed",
+        "out_of_scale",
+        "deadline_exceeded",
+    ];
+
+    /// The stable, machine-readable name of the reason.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::TooShort { .. } => "too_short",
+            Self::NoTimeBase => "no_time_base",
+            Self::Gaps { .. } => "gaps",
+            Self::Silent { .. } => "silent",
+            Self::ReadApart { .. } => "read_apart",
+            Self::TsTooShort { .. } => "ts_too_short",
+            Self::FlatOp => "flat_op",
+            Self::FlatPv => "flat_pv",
+            Self::Saturated { .. } => "saturated",
+            Self::Manual { .. } => "manual",
+            Self::ModeUnknown { .. } => "mode_unknown",
+            Self::NotExcited { .. } => "not_excited",
+            Self::Undersampled { .. } => "undersampled",
+            Self::Compensated => "compensated",
+            Self::HiddenFriction { .. } => "hidden_friction",
+            Self::NoResponse => "no_response",
+            Self::StemNotFollowed => "stem_not_followed",
+            Self::OutOfScale => "out_of_scale",
+            Self::DeadlineExceeded => "deadline_exceeded",
+        }
+    }
+}
+
+impl fmt::Display for NotIdentifiable {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TooShort { n, need } => write!(out, "too short: {n} usable samples, {need} needed"),
+            Self::NoTimeBase => write!(out, "no time base: the stamps give no sampling period"),
+            Self::Gaps { share } => {
+                let share = share * 100.0;
+                write!(
+                    out,
+                    "gaps: {share:.0} % of the samples are missing or bad: too many, or too few are left together"
+                )
+            }
+            Self::Silent { tag, since } => {
+                let tag = tag.as_str().to_uppercase();
+                write!(out, "silent: no good sample of {tag} since {}", moment(*since))
+            }
+            Self::ReadApart { share } => write!(
+                out,
+                "read apart: OP and PV are not read at the same time in {:.0} % of the rows, and the controller acts in between: read both \
+                 in one request",
+                share * 100.0
+            ),
+            Self::TsTooShort { ts, samples_s } => write!(
+                out,
+                "ts too short: rows every {ts} s were asked for, but there is a sample of both tags only every {samples_s} s, and nothing \
+                 is known in between: set ts to {samples_s} or more, or leave it out",
+                ts = figures(*ts),
+                samples_s = figures(*samples_s)
+            ),
+            Self::FlatOp => write!(out, "flat OP: the controller output does not move"),
+            Self::FlatPv => write!(
+                out,
+                "flat PV: the process variable stands still for most of the window, or its source marks it as stale"
+            ),
+            Self::Saturated { share } => {
+                write!(out, "saturated: OP at a limit for {:.0} % of the window", share * 100.0)
+            }
+            Self::Manual { share_auto } if *share_auto == 0.0 => write!(out, "manual: never in automatic"),
+            Self::Manual { share_auto } => {
+                write!(
+                    out,
+                    "manual: in automatic for {:.0} % of the window, and never for long enough at a time",
+                    share_auto * 100.0
+                )
+            }
+            Self::ModeUnknown { share } => write!(
+                out,
+                "mode unknown: the mode cannot be read for {:.0} % of the window, and the loop is not known to be in automatic for long \
+                 enough at a time",
+                share * 100.0
+            ),
+            Self::NotExcited { reversals } => {
+                let times = if *reversals == 1 { "time" } else { "times" };
+                write!(
+                    out,
+                    "not excited: OP reverses {reversals} {times} by more than its noise, but hardly ever by enough for friction to show"
+                )
+            }
+            Self::Undersampled { samples, poll_s, mean_s } => {
+                write!(out, "undersampled: {samples:.1} samples per period, ten are needed: ")?;
+                let poll = poll_s.map(|poll_s| format!("poll at least every {} s", rounded_down(poll_s)));
+                let mean = mean_s.map(|mean_s| {
+                    let mean_s = figures(mean_s);
+                    format!("PV is a running mean over {mean_s} s, which counts as one sample: keep no means")
+                });
+                write!(out, "{}", poll.into_iter().chain(mean).collect::<Vec<_>>().join("; "))
+            }
+            Self::Compensated => {
+                write!(out, "compensated: a term of write-back acted, and hides the friction that is left")
+            }
+            Self::HiddenFriction { reversal, friction } => {
+                write!(out, "hidden friction: OP never reverses by more than {reversal}")?;
+                match friction {
+                    Some(s) => write!(out, ": friction up to S = {s} cannot show beside what else moves PV"),
+                    None => write!(out, ", and friction would not show beside what else moves PV"),
+                }
+            }
+            Self::NoResponse => {
+                write!(out, "no response: other influences on PV hide whether PV follows OP")
+            }
+            Self::StemNotFollowed => write!(
+                out,
+                "stem not followed: a stem with friction predicts PV better, but PV does not visibly follow that stem; a load that jumps \
+                 looks so"
+            ),
+            Self::OutOfScale => write!(out, "out of scale: values too large or too small to compute with"),
+            Self::DeadlineExceeded => write!(out, "deadline exceeded before the fit was done"),
+        }
+    }
+}
+
+/// A time (s) rounded down to two figures; 0 where it is not positive and finite.
+fn rounded_down(seconds: f64) -> f64 {
+    if !(seconds.is_finite() && seconds > 0.0) {
+        return 0.0;
+    }
+    let digits = 1 - seconds.log10().floor() as i32;
+    // The factor is a whole number, so that two figures stay two.
+    let unit = 10_f64.powi(digits.abs());
+    if digits >= 0 { (seconds * unit).floor() / unit } else { (seconds / unit).floor() * unit }
+}
