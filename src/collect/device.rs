@@ -1,6 +1,7 @@
 //! One device of any kind: its plan, and the task that keeps it.
 
 use super::{Clock, DeviceHealth, Sink, modbus, mqtt, opcua};
+use crate::signal::Sample;
 use std::sync::Arc;
 use tokio_util::sync::CancellationToken;
 
@@ -99,10 +100,13 @@ impl Collector {
         }
     }
 
-    /// Before it runs: the time (s) of the newest sample that each tag has from before the start.
-    pub fn resume(&mut self, newest: &dyn Fn(usize) -> Option<f64>) {
-        if let Self::Opcua(collector) = self {
-            collector.resume(newest);
+    /// Before it runs: the newest sample that each tag has from before the start.
+    pub fn resume(&mut self, newest: &dyn Fn(usize) -> Option<Sample>) {
+        match self {
+            Self::Opcua(collector) => collector.resume(newest),
+            Self::Mqtt(collector) => collector.resume(newest),
+            // What is polled has a stamp of ours.
+            Self::Modbus(_) => {}
         }
     }
 

@@ -281,8 +281,9 @@ impl History {
             record.term = Some(across(Since::of(past), false));
         }
         cut_to_known_terms(&mut record);
-        // What the configuration does not tell OP's values may.
-        record.find_span(None, None);
+        // What the configuration does not tell OP's values may, unless they are those of a physical quantity.
+        let op = self.tags(id).find(|(tag, _)| tag.kind == TagKind::Role(Role::Op));
+        record.find_span(None, op.map(|(tag, _)| tag.unit.as_str()));
         Some(record)
     }
 

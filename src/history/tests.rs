@@ -314,3 +314,20 @@ fn a_tag_of_another_clock_keeps_what_it_measured() {
     let record = history.snapshot(&LoopId::new("A")).expect("there");
     assert_eq!((record.op.len(), record.pv.len(), record.pv[0].t), (40, 35, 60.0 * 655.0));
 }
+
+/// As a file's: 20 to 90 kPa are no per cent of a span, which nobody has told.
+#[test]
+fn the_values_of_an_op_in_a_physical_unit_tell_no_span() {
+    let span = |unit: &str| {
+        let op = TagSpec { unit: unit.into(), ..tag(Role::Op, "a") };
+        let own = LoopTags { op_limits: None, ..control_loop("A", vec![op, tag(Role::Pv, "b")]) };
+        let history = History::new(&[own], &Config { samples_per_tag: 8 });
+        for k in (0..8).map(f64::from) {
+            assert!(history.push(0, Sample::good(k, 20.0 + 10.0 * k)));
+        }
+        let record = history.snapshot(&LoopId::new("A")).expect("there");
+        (record.op_span, record.op_span_source.as_str())
+    };
+    assert_eq!(span("kPa"), (None, "unknown"));
+    assert_eq!(span(""), (Some(100.0), "values"));
+}

@@ -20,7 +20,7 @@ const MONTHS: [&[&str]; 12] = [
 const FURTHER: [(&[&str], &[&str]); 12] = [
     (&["sty", "янв", "oca"], &["stycz", "январ", "ocak", "tammi"]),
     (&["lut", "фев", "şub"], &["luty", "lutego", "феврал", "şubat", "helmi"]),
-    (&["már", "мар"], &["márci", "март", "maalis"]),
+    (&["már", "márc", "мар"], &["márci", "март", "maalis"]),
     (&["kwi", "ápr", "апр", "nis"], &["kwie", "április", "апрел", "nisan", "huhti"]),
     (&["maj", "máj", "май", "мая"], &["maja", "május", "touko"]),
     (&["cze", "jún", "июн", "haz"], &["czerw", "június", "июня", "haziran", "kesä"]),
@@ -32,10 +32,11 @@ const FURTHER: [(&[&str], &[&str]); 12] = [
     (&["gru", "des", "дек", "ara"], &["grudn", "grudz", "desember", "декаб", "aralık", "joulu"]),
 ];
 /// Days of the week say nothing that the date does not.
-const WEEKDAYS: [&str; 37] = [
+const WEEKDAYS: [&str; 56] = [
     "mon", "tue", "wed", "thu", "fri", "sat", "sun", "mo", "di", "mi", "do", "fr", "sa", "so", "tues",
     "thur", "lun", "mer", "jeu", "ven", "sam", "dim", "mié", "jue", "vie", "sáb", "dom", "ma", "wo", "пн",
-    "вт", "ср", "чт", "пт", "сб", "вс", "za",
+    "вт", "ср", "чт", "пт", "сб", "вс", "za", "vr", "zo", "gio", "sab", "seg", "ter", "qua", "qui", "sex",
+    "mån", "tis", "ons", "tor", "tors", "fre", "lör", "lør", "sön", "søn",
 ];
 /// Their whole names, but for those that end as in the languages of Germany, England and Scandinavia: French, Spanish, Italian,
 /// Portuguese, Russian, Polish, Czech, Finnish.
@@ -200,9 +201,15 @@ mod tests {
             ("październik", 10),
             ("marraskuuta", 11),
             ("desember", 12),
+            ("márc", 3),
         ] {
             assert_eq!(month(word), Some(number), "{word}");
         }
+        // Each week of Dutch, Italian, Portuguese and Swedish, as it is abbreviated.
+        for week in ["ma di wo do vr za zo", "lun mar mer gio ven sab dom", "seg ter qua qui sex sáb dom"] {
+            assert!(week.split(' ').all(|day| day == "mar" || is_weekday(day)), "{week}");
+        }
+        assert!("mån tis ons tors fre lör sön".split(' ').all(is_weekday));
         for word in ["Average", "Output", "Process", "LED", "lip", "listopad", "srp", "Test"] {
             assert_eq!(month(word), None, "{word}");
         }

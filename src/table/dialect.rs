@@ -14,18 +14,19 @@ const SEPARATORS: [u8; 4] = [b',', b';', b'\t', b'|'];
 /// A sign that stands in no line, so that it is one cell.
 const NO_SEPARATOR: u8 = 0x1f;
 
-/// What divides cells, and the header that it gives.
+/// What divides cells, and the header that it gives; `part`: OP or PV may be in another file.
 pub fn dialect(
     source: Source<'_>,
     kind: &Kind,
     head: &[u8],
     options: &Options,
     told: &Told,
+    part: bool,
 ) -> Result<(u8, Layout), TableError> {
     let Kind::Text(encoding) = kind else {
         let mut rows = kind.rows(source, b',')?;
         let first = first_rows(rows.as_mut())?;
-        let mut layout = look(&first, options, rows.row_name()).layout?;
+        let mut layout = look(&first, options, rows.row_name(), part).layout?;
         state(&mut layout, &first);
         return Ok((b',', layout));
     };
@@ -57,7 +58,7 @@ pub fn dialect(
         if said.is_some() && !first.is_empty() {
             first.remove(0);
         }
-        let mut looked = look(&first, options, "line");
+        let mut looked = look(&first, options, "line", part);
         if let (Ok(layout), true) = (&mut looked.layout, said.is_some()) {
             layout.lower();
         }

@@ -5,8 +5,10 @@ use super::header_zone::HeaderZone;
 use super::names::{Meaning, Name, as_unit};
 use super::options::Options;
 use super::pairs::{self, PairRows, Pairs};
+use super::part::of_part;
 use super::qualities::{owners, speaks};
 use super::roles::{Roles, Trouble, roles, told};
+use super::several;
 use super::source::Rows;
 use super::time::{What, WhatKind};
 use super::time_columns::{parts, seconds, times};
@@ -166,8 +168,8 @@ pub struct Looked {
     numbers_only: bool,
 }
 
-/// Looks for the header in the first rows.
-pub fn look(rows: &[SeenRow], options: &Options, row_name: &str) -> Looked {
+/// Looks for the header in the first rows; `part`: OP or PV may be in another file.
+pub fn look(rows: &[SeenRow], options: &Options, row_name: &str, part: bool) -> Looked {
     if options.tag.is_none()
         && options.value.is_none()
         && let Some(layout) = pairs::look(rows, options.time.is_some())
@@ -195,6 +197,7 @@ pub fn look(rows: &[SeenRow], options: &Options, row_name: &str) -> Looked {
             let of_times = |name: &Name| name.said().is_some_and(|said| said.meaning == Meaning::Time);
             let names_times = names.iter().any(of_times);
             let below = &rows[at + usize::from(!bare)..];
+            let headed = |names: Vec<Name>| header(names, below, options, part);
             if !bare && goes_on(row, below) {
                 continue;
             }
@@ -203,18 +206,18 @@ pub fn look(rows: &[SeenRow], options: &Options, row_name: &str) -> Looked {
                 Some(above) => {
                     let both = under_loops(above, row).unwrap_or_else(|| names.clone());
                     let known = known(&both, options);
-                    let found = header(names, below, options);
-                    let again = |_| header(both.clone(), below, options).map_err(|own| no_part(own, &both));
+                    let found = headed(names);
+                    let again = |_| headed(both.clone()).map_err(|own| no_part(own, &both));
                     (found.or_else(again), known)
                 }
                 None => {
                     let known = known(&names, options);
                     // Two columns for OP: the row above may say of which loop each is.
                     let again = |error| match above.and_then(|above| under_loops(above, row)) {
-                        Some(names) if matches!(error, Trouble::Refused(_)) => header(names, below, options),
+                        Some(names) if matches!(error, Trouble::Refused(_)) => headed(names),
                         _ => Err(error),
                     };
-                    (header(names, below, options).or_else(again), known)
+                    (headed(names).or_else(again), known)
                 }
             };
             // A sample is no header, though its tag is known.
@@ -320,8 +323,8 @@ fn even(rows: &[SeenRow], cells: usize) -> f64 {
     rows.iter().filter(same).count() as f64 / all
 }
 
-/// A row as the header of those below it.
-fn header(names: Vec<Name>, below: &[SeenRow], options: &Options) -> Result<Layout, Trouble> {
+/// A row as the header of those below it; see [`look`] for `part`.
+fn header(names: Vec<Name>, below: &[SeenRow], options: &Options, part: bool) -> Result<Layout, Trouble> {
     if names.len() > MAX_COLUMNS {
         let n = names.len();
         return Err(Trouble::Refused(TableError::refused(format!(
@@ -335,10 +338,18 @@ fn header(names: Vec<Name>, below: &[SeenRow], options: &Options) -> Result<Layo
         |name: &Name, at: usize| at != time && Some(at) != clock && Some(at) != millis && !name.is_none();
     let masked: Vec<Name> =
         names.iter().enumerate().map(|(at, n)| if wide(n, at) { n.clone() } else { Name::new("") }).collect();
-    let body = match (long(&names, time, below, options)?, roles(&masked, options, true)) {
+    let times = [Some(time), clock, millis];
+    let roles = match &options.several {
+        Some(listed) => several::roles(&masked, times, listed),
+        None => roles(&masked, options, true),
+    };
+    let body = match (long(&names, time, below, options)?, roles) {
         // A table of tags and values has no columns of OP and PV.
         (Some(long), _) => Body::Long(long),
         (None, Ok(roles)) => Body::Wide(columns(&masked, &roles)),
+        (None, Err(Trouble::Missing(missing))) if part => {
+            Body::Wide(columns(&masked, &of_part(&masked, times, below, options, missing)?))
+        }
         (None, Err(trouble)) => return Err(trouble),
     };
     let mut layout = Layout {

@@ -89,13 +89,15 @@ struct Group {
     members: Vec<usize>,
 }
 
-/// Gives every channel of a wide table its loop: that of OP, or of PV.
+/// Gives every channel of a wide table its loop: that of OP, or of PV, or of what there is.
 pub fn of_one(channels: &mut [Channel], options: &Options) {
     let by_name = |role: Role| {
         let own = channels.iter().find(|own| own.role == Some(role))?;
         Name::new(&own.tag.name).owner_as_written()
     };
     let own = options.of_loop.clone().or_else(|| by_name(Role::Op)).or_else(|| by_name(Role::Pv));
+    let is_part = !channels.iter().any(|own| matches!(own.role, Some(Role::Op | Role::Pv)));
+    let own = own.or_else(|| ROLES.into_iter().filter(|_| is_part).find_map(by_name));
     channels.iter_mut().for_each(|channel| channel.control_loop.clone_from(&own));
 }
 

@@ -7,10 +7,11 @@
 //! | step | decides |
 //! |---|---|
 //! | `source`, `kinds`, `text` | what kind of file, which encoding |
-//! | `dialect`, `blanks`, `layout`, `why_none`, `time_columns`, `pairs`, `names`, `roles` | what divides cells, where the header is, which column is what |
+//! | `dialect`, `blanks`, `layout`, `why_none`, `time_columns`, `pairs`, `part`, `names`, `roles` | what divides cells, where the header is, which column is what |
 //! | `evidence`, `number` | the decimal sign, thousands, units behind numbers |
 //! | `time`, `stamp`, `calendar`, `header_format`, `header_zone`, `stated_zone`, `dotted_clock` | how times are written, and in which zone |
 //! | `loops` | which loop each tag is of, and what it is to it, where every tag is taken |
+//! | `several` | the loops of a table that has a column for each tag of several, where all of them are read |
 //! | `words`, `by_words`, `rests`, `qualities`, `quality_names`, `joined`, `says` | which modes are automatic, which qualities good |
 //! | `owner`, `mixed` | which rows are the loop's |
 //! | `look`, `overlap` | what is looked at before samples are made: days on which the clock is changed, times that are recorded twice |
@@ -43,12 +44,14 @@ mod overlap;
 mod owner;
 mod pairs;
 mod parquet;
+mod part;
 mod qualities;
 mod quality_names;
 mod repeats;
 mod rests;
 mod roles;
 mod says;
+mod several;
 mod source;
 mod stamp;
 mod stated_zone;
@@ -68,6 +71,7 @@ pub use channel::Tag;
 pub use error::TableError;
 pub use found::Found;
 pub use options::{Config, Options};
+pub use several::{LoopColumns, OneOf, each_of_several};
 pub use source::Source;
 
 use crate::signal::{Record, Sample};

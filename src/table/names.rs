@@ -464,7 +464,9 @@ fn split_unit(name: &str) -> (&str, Option<&str>) {
         // `OP Min` is the least of something, and only times are counted in minutes.
         let is_least = unit.eq_ignore_ascii_case("min") && !is_time();
         let is_zone = !name.contains('_') && HeaderZone::of(unit).is_some();
-        if is_unit(unit) && !is_least && !may_be_loop || is_zone && is_time() {
+        // `FIC101 MV` is a value, and `TC101 mV` what a thermocouple gives.
+        let is_unit = is_unit(unit) || unit == "mV";
+        if is_unit && !is_least && !may_be_loop || is_zone && is_time() {
             return (before, Some(unit));
         }
     }

@@ -120,7 +120,8 @@ pub fn scan(cell: &str) -> Option<Number<'_>> {
         return None;
     }
     let whole = &signed[..end];
-    end += exponent(&signed[end..]);
+    let exponent = exponent(&signed[end..]);
+    end += exponent;
     let rest = &signed[end..];
     let unit = rest.trim_start_matches(is_gap);
     let opens = |c: char| c.is_alphabetic() || matches!(c, '%' | '°' | '‰' | '/' | 'µ');
@@ -128,7 +129,11 @@ pub fn scan(cell: &str) -> Option<Number<'_>> {
         return None;
     }
     let text = &cell[..at + end];
-    let form = form(whole)?;
+    // `1.234E+02`: nobody marks thousands before an exponent.
+    let form = match form(whole)? {
+        Form::Either(own) if exponent > 0 => Form::Decimal(own),
+        form => form,
+    };
     (text.len() <= LONGEST).then_some(Number { text, form, unit, negated: false })
 }
 
@@ -290,6 +295,7 @@ mod tests {
             ("\u{2212}5", Form::Plain, Some(-5.0), Some(-5.0)),
             ("1e-3", Form::Plain, Some(0.001), Some(0.001)),
             ("1,5E+02", Form::Decimal(Comma), None, Some(150.0)),
+            ("1.234E+02", Form::Decimal(Point), Some(123.4), None),
             ("0.51812D+02", Form::Decimal(Point), Some(51.812), None),
             (".5", Form::Decimal(Point), Some(0.5), None),
             ("5.", Form::Decimal(Point), Some(5.0), None),

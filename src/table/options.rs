@@ -2,6 +2,7 @@
 
 use super::error::TableError;
 use super::number::Decimal;
+use super::several::LoopColumns;
 use super::stamp::Order;
 use jiff::tz::TimeZone;
 use serde::Deserialize;
@@ -50,6 +51,9 @@ pub struct Options {
     /// The loop, where a table has several.
     #[serde(skip)]
     pub of_loop: Option<String>,
+    /// The loops of a table with a column for each tag of several, where all of them are read; empty where their names tell them.
+    #[serde(skip)]
+    pub several: Option<Vec<LoopColumns>>,
     /// Names of those that are told of tables of all kinds: what a table says of itself comes before them.
     #[serde(skip)]
     pub of_all: Vec<&'static str>,

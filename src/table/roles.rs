@@ -106,6 +106,8 @@ pub fn as_far_as_there(
         names[at].said().map(|said| said.owner)
     };
     let told = [owner_of(Role::Op), owner_of(Role::Pv)];
+    let told_op = found.contains(&Some(Role::Op)).then(|| told[0].clone().unwrap_or_default());
+    without_positions(&mut candidates, told_op);
     let seen = Seen { names, candidates: &candidates, told: &told, numbered, wanted: wanted.is_some() };
     let mut owner = None;
     for role in ROLES {
@@ -121,6 +123,29 @@ pub fn as_far_as_there(
     let missing = [Role::Op, Role::Pv].into_iter().filter(|role| !found.contains(&Some(*role)));
     let missing: Vec<&str> = missing.map(Role::as_str).collect();
     Ok((found, missing))
+}
+
+/// The letters before the number of a tag: `zt` of `zt101` and of `unit1 zt 101`.
+fn letters(owner: &str) -> Option<&str> {
+    let mut words = owner.rsplit(' ');
+    let last = words.next()?;
+    match last.find(|c: char| c.is_ascii_digit())? {
+        0 => words.next(),
+        at => last.get(..at),
+    }
+}
+
+/// Takes away each PV of a transmitter or an indicator of position (ISA-5.1: Z), `zt101`: beside an OP of flow or level it measures the
+/// valve and not the process. In a position loop, `zt101` or `zic101`, it is PV. `told`: the loop of the OP that an option names.
+fn without_positions(candidates: &mut Vec<Candidate>, told: Option<String>) {
+    let ops = candidates.iter().filter(|c| c.role == Role::Op).map(|c| c.owner.clone());
+    let ops: Vec<String> = ops.chain(told).collect();
+    let is_of_position = |op: &String| {
+        letters(controller(op).as_deref().unwrap_or(op)).is_some_and(|own| own.starts_with('z'))
+    };
+    let is_transmitter = |own: &str| letters(own).is_some_and(|own| ["zt", "zi", "zit"].contains(&own));
+    let may_be_pv = |own: &str| ops.is_empty() || ops.iter().any(|op| op == own || is_of_position(op));
+    candidates.retain(|c| c.role != Role::Pv || !is_transmitter(&c.owner) || may_be_pv(&c.owner));
 }
 
 /// Takes away what has a letter behind the name of another: `FIC101.OP_H` beside `FIC101.OP` is something else of the same loop.
@@ -226,10 +251,13 @@ fn choose(
     if let [first, second, ..] = plain.as_slice() {
         return Err(second_column(seen, (first.at, second.at), role));
     }
+    // pandas calls the second of two columns of one name so.
+    let copy_of = |at: usize| {
+        let copy = format!("{}.1", names[at].full);
+        names.iter().position(|name| name.full == copy)
+    };
     if let [one] = plain.as_slice() {
-        // pandas calls the second of two columns of one name so.
-        let copy = format!("{}.1", names[one.at].full);
-        if let Some(second) = names.iter().position(|name| name.full == copy) {
+        if let Some(second) = copy_of(one.at) {
             return Err(second_column(seen, (one.at, second), role));
         }
         owner.get_or_insert_default();
@@ -272,6 +300,10 @@ fn choose(
     match left.as_slice() {
         [] => Ok(None),
         [one] => {
+            // In rows of tags such a name may be that of any tag.
+            if let Some(second) = copy_of(one.at).filter(|_| seen.numbered) {
+                return Err(second_column(seen, (one.at, second), role));
+            }
             if needed && owner.as_ref().is_none_or(String::is_empty) {
                 // Behind PV alone the letter may be its unit, which the mode has not.
                 let base = one.base.as_ref().filter(|_| role == Role::Pv);
@@ -405,6 +437,19 @@ mod tests {
         assert_eq!(pairs(of(&lettered, &one_of("C"))), "op=OP_C pv=PV_C sp=SP_C");
         assert_eq!(pairs(of(&["OP %", "PV C"], &one_of("FIC101"))), "op=OP % pv=PV C");
         assert!(of(&lettered, &one_of("FIC101")).is_err(), "loops B and C");
+        // A transmitter of position measures the valve.
+        for zt in ["ZT101.PV", "ZI-101.PV", "Unit1/ZIT101A.PV"] {
+            assert_eq!(of(&["FIC101.OP", zt], &plain), Err("no pv".into()), "{zt}");
+            assert_eq!(pairs(of(&["FIC101.OP", "FT101.PV", zt], &plain)), "op=FIC101.OP pv=FT101.PV", "{zt}");
+            let told = Options { pv: Some(zt.into()), ..plain.clone() };
+            assert_eq!(pairs(of(&["FIC101.OP", zt], &told)), format!("op=FIC101.OP pv={zt}"));
+            // In a loop of position it is the process.
+            for op in ["ZIC101.OP", "ZIC-101/PID1/OP"] {
+                assert_eq!(pairs(of(&[op, zt], &plain)), format!("op={op} pv={zt}"));
+            }
+            let own = zt.replace("PV", "OP");
+            assert_eq!(pairs(of(&[own.as_str(), zt], &plain)), format!("op={own} pv={zt}"));
+        }
         let bare = ["OP", "PV", "FIC102.SP", "TIC205.SP"];
         assert_eq!(pairs(of(&bare, &one)), "op=OP pv=PV sp=FIC102.SP");
         let named = Options { op: Some("valve".into()), pv: Some("2".into()), ..Options::default() };
@@ -426,6 +471,10 @@ mod tests {
         assert!(
             refused(&["op", "pv", "OP"], &plain)
                 .contains("\"OP\" is the second column for op (after column 1)")
+        );
+        assert!(
+            refused(&["FIC101.OP", "FIC101.PV", "FIC101.PV.1"], &plain)
+                .contains("\"FIC101.PV.1\" is the second column for pv (after column 2)")
         );
         assert_eq!(refused(&["flow", "pv"], &plain), "no op");
         for names in [

@@ -98,6 +98,11 @@ const BAD: [&str; 36] = [
     "불량",
 ];
 
+/// Words that deny the one behind them.
+const NO: [&str; 7] = ["no", "kein", "keine", "ohne", "sans", "sin", "sem"];
+/// Words of what is wrong that nobody calls a value by itself.
+const FAULTS: [&str; 8] = ["errors", "faults", "failure", "fehler", "erreur", "défaut", "falla", "falha"];
+
 /// Words of a flag that is not set, and of one that is.
 const FLAGS: [[&str; 5]; 2] = [["0", "false", "no", "n", "off"], ["1", "true", "yes", "y", "on"]];
 /// Names of flags that are set where a value is bad.
@@ -214,9 +219,17 @@ fn first_word(word: &str) -> &str {
     word.split(|c: char| !c.is_alphanumeric()).find(|part| !part.is_empty()).unwrap_or("")
 }
 
+/// Whether a word denies what is bad: `No error`.
+fn denies(word: &str) -> bool {
+    let mut parts = word.split(|c: char| !c.is_alphanumeric()).filter(|part| !part.is_empty());
+    let (no, bad) = (parts.next().unwrap_or(""), parts.next().unwrap_or(""));
+    NO.contains(&no) && (BAD.contains(&bad) || FAULTS.contains(&bad)) && parts.next().is_none()
+}
+
 fn is_known(word: &str) -> bool {
     let first = first_word(word);
     Quality::named(word).is_some()
+        || denies(word)
         || [&GOOD[..], &UNSURE, &BAD].iter().any(|names| names.contains(&first))
         || ["good", "bad", "uncertain"].iter().any(|own| first.starts_with(own))
         || behind_comma(word).is_some()
@@ -294,7 +307,7 @@ fn quality_of(word: &str) -> Quality {
     let first = first_word(word);
     if let Some(own) = Quality::named(word).or_else(|| behind_comma(word)) {
         own
-    } else if GOOD.contains(&first) || first.starts_with("good") {
+    } else if GOOD.contains(&first) || first.starts_with("good") || denies(word) {
         Quality::Good
     } else if UNSURE.contains(&first) || first.starts_with("uncertain") {
         Quality::Stale

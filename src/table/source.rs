@@ -73,9 +73,9 @@ impl<R: Read> Read for Bound<R> {
     }
 }
 
-/// Words by which databases and spreadsheets say that nothing is there: SQL Server's and others', MySQL's and PostgreSQL's, those of
-/// programs that compute, and Excel's.
-pub const NOTHING: [&str; 4] = ["NULL", "\\N", "NaN", "#N/A"];
+/// Words by which databases and spreadsheets say that nothing is there: SQL Server's and others', Grafana's, AVEVA's, MySQL's
+/// and PostgreSQL's, those of programs that compute, and Excel's.
+pub const NOTHING: [&str; 7] = ["NULL", "null", "(null)", "\\N", "NaN", "nan", "#N/A"];
 
 /// Whether a text says that nothing is there: it is blank, or one of [`NOTHING`] as it is written there.
 pub fn is_nothing(text: &str) -> bool {

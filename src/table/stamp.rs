@@ -98,6 +98,12 @@ impl Stamp {
         self.day(order)?.checked_mul(DAY)?.checked_add(self.clock.unwrap_or(0))
     }
 
+    /// Days since 1970 of a date that [`Stamp::civil`] has no room for, before 1678 or after 2261, in the first order in which it is one.
+    pub fn far_day(&self) -> Option<i64> {
+        let far = |order| self.day(order).filter(|day| day.checked_mul(DAY).is_none());
+        Order::ALL.into_iter().find_map(far)
+    }
+
     /// Nanoseconds since midnight, where there is no date.
     pub fn time_of_day(&self) -> Option<i64> {
         self.clock.filter(|_| self.date.is_none())

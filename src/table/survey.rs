@@ -24,6 +24,7 @@ use super::qualities::{Others, Quality};
 use super::repeats::Repeats;
 use super::rests::Rests;
 use super::says::Says;
+use super::several;
 use super::source::{Kind, Rows, Source};
 use super::stated_zone::ZoneColumn;
 use super::time::{self, Groups, Reading, Times};
@@ -71,7 +72,17 @@ pub fn survey(source: Source<'_>, options: &Options, whole: bool) -> Result<Plan
     let told = options.told()?;
     let head = source.head()?;
     let kind = Kind::of(source, &head, options.sheet.as_deref(), told.encoding, true)?;
-    let (separator, layout) = dialect(source, &kind, &head, options, &told)?;
+    let divided = |part: bool| dialect(source, &kind, &head, options, &told, part);
+    // A store takes OP of one file and PV of another.
+    let (separator, layout) = match divided(false) {
+        Err(_) if !whole => divided(true),
+        found => found,
+    }?;
+    if options.several.is_some() && matches!(layout.body, Body::Long(_)) {
+        return Err(TableError::refused(
+            "each row is a sample of one tag, not of all: take the table into a store with `stictiond store import`, and read that",
+        ));
+    }
     let mut counting = Counting::new(&layout, options);
     let row_name = {
         let blanks = Blanks::of(separator);
@@ -165,6 +176,10 @@ impl Counting {
             if *role == Some(Role::Mode) {
                 self.mode_at = Some(*at);
             }
+        }
+        // Which of the modes of several loops is asked cannot be said of every column.
+        if wide.roles.iter().filter(|role| **role == Some(Role::Mode)).count() > 1 {
+            self.mode_at = None;
         }
         self.quality_columns.clone_from(&wide.qualities);
         self.rests = Rests::of(wide);
@@ -299,6 +314,9 @@ impl Counting {
             self.repeats.refuse(self.times.rows, long.tag)?;
         }
         let rows = matches!(layout.body, Body::Wide(_)).then_some(self.times.rows);
+        if let Some(listed) = &options.several {
+            several::owned(&mut self.channels, &layout, listed)?;
+        }
         // Our own exports say which they are by a column that nobody else has, and how good each value is beside it.
         let own = layout.is_ours();
         match &layout.body {
@@ -309,7 +327,7 @@ impl Counting {
             Body::Long(_) => loops::of_many(&mut self.channels, options)?,
         }
         // A table with OP and PV of one loop, which lacks nothing that it needs.
-        let of_one = whole || rows.is_some();
+        let of_one = (whole || rows.is_some()) && options.several.is_none();
         if options.mode.is_none() && of_one {
             let all: Vec<usize> = (0..self.channels.len()).collect();
             by_words::find_mode(&mut self.channels, &all, rows)?;

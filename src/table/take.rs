@@ -69,7 +69,7 @@ const TWICE: usize = 10;
 const FEW: usize = 20;
 
 /// Refuses a tag that has two values at the same times, in different places of the file. Those one after the other are told.
-fn twice(role: Role, series: &[Sample]) -> Result<Option<String>, TableError> {
+pub fn twice(role: Role, series: &[Sample]) -> Result<Option<String>, TableError> {
     // Samples in a row with one time are of one run.
     let (mut run, mut last, mut good) = (0usize, f64::NAN, Vec::with_capacity(series.len()));
     for own in series.iter().filter(|own| own.quality.is_good()) {
@@ -193,7 +193,8 @@ pub struct Counted {
 /// Lines that are named.
 const LINES: usize = 3;
 
-type Take<'t> = &'t mut dyn FnMut(usize, Sample) -> Result<(), TableError>;
+/// What takes a sample, with the place of its channel.
+pub type Take<'t> = &'t mut dyn FnMut(usize, Sample) -> Result<(), TableError>;
 
 /// Takes every sample. The times of channels that are `wanted` must not be recorded twice.
 fn all(
@@ -202,13 +203,25 @@ fn all(
     wanted: &[bool],
     take: Take<'_>,
 ) -> Result<(Plan, Found), TableError> {
-    look::look(source, &mut plan)?;
+    ready(source, &mut plan, wanted)?;
+    let counted = samples(source, &mut plan, take)?;
+    let found = Found::new(&plan, &counted);
+    Ok((plan, found))
+}
+
+/// What is looked at before samples are taken. The times of channels that are `wanted` must not be recorded twice.
+pub fn ready(source: Source<'_>, plan: &mut Plan, wanted: &[bool]) -> Result<(), TableError> {
+    look::look(source, plan)?;
     if !plan.joined.is_empty() {
-        join(source, &mut plan)?;
+        join(source, plan)?;
     }
-    look::twice(source, &mut plan, wanted)?;
+    look::twice(source, plan, wanted)
+}
+
+/// Takes every sample of a table that is [`ready`], with the place of its channel.
+pub fn samples(source: Source<'_>, plan: &mut Plan, take: Take<'_>) -> Result<Counted, TableError> {
     let mut counted = Counted::default();
-    walk(source, &mut plan, &mut |rows, plan, line, at| match at {
+    walk(source, plan, &mut |rows, plan, line, at| match at {
         Some(at) => row(rows, plan, at, &mut counted, take),
         None => {
             counted.left_out.1 += 1;
@@ -218,8 +231,7 @@ fn all(
             Ok(())
         }
     })?;
-    let found = Found::new(&plan, &counted);
-    Ok((plan, found))
+    Ok(counted)
 }
 
 /// The time of a row (s), and the tag that it is a sample of, where each row is one of one tag.

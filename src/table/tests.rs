@@ -162,6 +162,27 @@ fn stamps_are_read_by_the_whole_column() {
 }
 
 #[test]
+fn years_of_another_calendar_are_refused() {
+    let of = |date: &str| table(format!("t,op,pv\n{date} 06:00:00,1,2\n{date} 06:00:01,1.5,2\n"));
+    for date in ["2569-06-15", "15/06/2569", "1405/03/25", "1447-12-29"] {
+        let said = of(date).expect_err("refused");
+        assert!(said.starts_with(&format!("line 2, column 1 (t): \"{date} 06:00:00\"")), "{said}");
+        assert!(said.contains("the year of another calendar"), "{said}");
+    }
+    for date in ["0001-01-01", "01/01/0001", "1601-01-01"] {
+        let said = of(date).expect_err("refused");
+        assert!(said.starts_with(&format!("line 2, column 1 (t): \"{date} 06:00:00\"")), "{said}");
+        assert!(said.contains("is an elapsed time, written as a date"), "{said}");
+    }
+    // A row of no time among many is left out, whatever stands for it.
+    let rows: String = (10..60).map(|k| format!("2026-06-15 06:00:{k},{k},2\n")).collect();
+    let one = table(format!("t,op,pv\n{rows}0001-01-01 00:00:00,1,2\n")).expect("a record");
+    assert_eq!(one.record.op.len(), 50);
+    // The first day of a spreadsheet stands for none.
+    assert!(of("1899-12-30").is_ok() && of("2099-06-15").is_ok());
+}
+
+#[test]
 fn rows_under_one_stamp_are_spread_over_it() {
     let mut text = String::from("time,op,pv\n");
     for k in 0..40 {
@@ -244,7 +265,7 @@ fn words_for_nothing_are_blank_cells() {
     };
     for auto_values in [None, Some("AUTO")] {
         let blank = of("", auto_values);
-        for nothing in ["NULL", "\\N", "NaN", "#N/A", "\"NULL\""] {
+        for nothing in ["NULL", "null", "(null)", "\\N", "NaN", "nan", "#N/A", "\"NULL\""] {
             let table = of(nothing, auto_values);
             assert_eq!(table.record, blank.record, "{nothing}");
             assert_eq!(table.found.read_as, blank.found.read_as, "{nothing}");

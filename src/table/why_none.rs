@@ -5,6 +5,7 @@ use super::layout::{PREAMBLE, Seen, SeenRow, VALUES};
 use super::names::{Meaning, Name};
 use super::options::Options;
 use super::roles::{Trouble, roles, told};
+use super::several;
 use super::time::WhatKind;
 use super::time_columns::times;
 use crate::signal::Role;
@@ -33,6 +34,10 @@ pub fn none(line: u64, row: &[Seen], numbers_only: bool, options: &Options, row_
         _ => Vec::new(),
     };
     let found = listed(names.iter().map(|name| name.full.as_str()));
+    if let (Some(loops), true) = (&options.several, missing.is_empty()) {
+        let none = several::none(loops);
+        return TableError::refused(format!("{row_name} {line}: {none}; the header has {found}"));
+    }
     if let (Some(own), true) = (&options.of_loop, missing.is_empty() && !others.is_empty()) {
         let of_any = Options { of_loop: None, ..options.clone() };
         if !matches!(roles(&names, &of_any, true), Err(Trouble::Missing(_))) {

@@ -287,7 +287,7 @@ impl Sheet {
     /// Whether it has OP and PV by the names of its columns, in doubt or not.
     fn may_be_record(&self) -> bool {
         let first = first_rows(&mut self.rows()).unwrap_or_default();
-        let looked = look(&first, &Options::default(), "row");
+        let looked = look(&first, &Options::default(), "row", false);
         looked.layout.is_ok() || looked.known >= NEEDED_NAMES
     }
 

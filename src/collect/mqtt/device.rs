@@ -103,6 +103,16 @@ impl Collector {
         }
     }
 
+    /// Before it runs: the newest sample that each tag has from before the start. A value that its source had told before that one,
+    /// where it is a mark, comes behind it.
+    pub fn resume(&mut self, newest: &dyn Fn(usize) -> Option<Sample>) {
+        for (tag, state) in self.plan.tags.iter().zip(&mut self.tags) {
+            if let Some(mark) = newest(tag.index).filter(|own| own.value.is_nan()) {
+                state.resume(mark.t);
+            }
+        }
+    }
+
     /// The device's counters, live.
     pub fn health(&self) -> Arc<DeviceHealth> {
         Arc::clone(&self.health)

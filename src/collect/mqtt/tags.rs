@@ -27,6 +27,8 @@ pub(super) struct State {
     told: Option<f64>,
     /// Whether it has been declared bad since.
     lost: bool,
+    /// Whether that was before the start, so that what its source told is not known.
+    of_before: bool,
 }
 
 /// When a message came.
@@ -60,7 +62,13 @@ impl State {
             heard: None,
             told: None,
             lost: false,
+            of_before: false,
         }
+    }
+
+    /// Its newest sample is a mark of before the start, of time `mark` (s).
+    pub(super) fn resume(&mut self, mark: f64) {
+        (self.series, self.lost, self.of_before) = (Series::after(mark), true, true);
     }
 
     /// Takes a value.
@@ -80,7 +88,9 @@ impl State {
             (None, TimeFallback::None) => return Err(Refused::Time),
         };
         let usable = told.raw.is_some() && !matches!(told.quality, Quality::Bad(_));
-        let same = usable && !told.buffered && self.told == Some(t);
+        let is_live = usable && !told.buffered;
+        let same = is_live && (self.of_before || self.told == Some(t));
+        self.of_before &= !is_live;
         let unchanged = self.lost && same;
         self.told = Some(t);
         // A value that did not change while it could not be had keeps its old stamp, but comes after the mark; right after it,
@@ -224,6 +234,27 @@ mod tests {
         assert!(
             sample(state.take(&tag, told(51.0, Some(9110.0)), came(9110.0, false), fallback)).t == 9110.0
         );
+    }
+
+    #[test]
+    fn a_value_at_rest_is_good_behind_the_mark_of_before_the_start() {
+        let (tag, fallback) = (tag(""), TimeFallback::Arrival);
+        let mut state = State::new(&tag);
+        state.resume(9000.0);
+        assert_eq!(state.lose(BadReason::LinkDown, 9100.0, 9100.0), None, "it is marked already");
+        let bad = Told { quality: Quality::Bad(BadReason::DeviceException), ..told(50.0, Some(100.0)) };
+        assert_eq!(state.take(&tag, bad, came(9104.0, true), fallback), Ok(Taken::Old), "no value");
+        let back = sample(state.take(&tag, told(50.0, Some(100.0)), came(9105.0, true), fallback));
+        assert_eq!(back, Sample::good(9000.0 + STEP_S, 50.0));
+        let again = state.take(&tag, told(50.0, Some(100.0)), came(9106.0, true), fallback);
+        assert_eq!(again, Ok(Taken::Again), "once");
+        let next = sample(state.take(&tag, told(51.0, Some(9110.0)), came(9110.0, false), fallback));
+        assert_eq!(next, Sample::good(9110.0, 51.0));
+        // What changed since the mark has its own stamp.
+        state = State::new(&tag);
+        state.resume(9000.0);
+        let changed = sample(state.take(&tag, told(52.0, Some(9050.0)), came(9105.0, true), fallback));
+        assert_eq!(changed, Sample::good(9050.0, 52.0));
     }
 
     #[test]

@@ -67,6 +67,8 @@ struct State {
     gap_from: Option<f64>,
     /// The newest sample is without a value, and its time is not the source's.
     marked: bool,
+    /// The newest sample is of before the start and has a value that is not good: its time is the source's, or that of a repetition.
+    in_doubt: bool,
     /// The newest sample is good.
     good: bool,
     /// It was said that the node is refused.
@@ -96,6 +98,7 @@ impl Collector {
             gap: false,
             gap_from: None,
             marked: false,
+            in_doubt: false,
             good: false,
             refused: false,
             no_number: None,
@@ -122,15 +125,22 @@ impl Collector {
         self
     }
 
-    /// Before the first session: the time (s) of the newest sample that each tag has from before the start. With `backfill_s`
-    /// what came since is read from the server's history.
-    pub fn resume(&mut self, newest: &dyn Fn(usize) -> Option<f64>) {
+    /// Before the first session: the newest sample that each tag has from before the start. With `backfill_s` what came since is
+    /// read from the server's history. Where that sample is a mark, or a value that was handed on once more, one that has not changed
+    /// since before it comes behind it.
+    pub fn resume(&mut self, newest: &dyn Fn(usize) -> Option<Sample>) {
         self.starting = self.plan.config.backfill_s > 0.0;
-        if self.starting {
-            for (tag, state) in self.plan.tags.iter().zip(&mut self.tags) {
-                let newest = newest(tag.index);
-                state.series = newest.map_or_else(Series::default, Series::after);
-                (state.gap, state.gap_from) = (true, newest);
+        for (tag, state) in self.plan.tags.iter().zip(&mut self.tags) {
+            let newest = newest(tag.index);
+            let last = newest.map(|sample| sample.t);
+            let bad = newest.filter(|sample| !sample.quality.is_good());
+            state.marked = bad.is_some_and(|sample| sample.value.is_nan());
+            state.in_doubt = bad.is_some() && !state.marked;
+            if self.starting || bad.is_some() {
+                state.series = last.map_or_else(Series::default, Series::after);
+            }
+            if self.starting {
+                (state.gap, state.gap_from) = (true, last);
             }
         }
     }
@@ -342,14 +352,15 @@ impl Collector {
         let own = value.time(self.plan.config.source_time_fallback, now);
         let before = self.tags[at].series.end();
         let behind = |t: f64| before.map_or(t, |end| t.max(end + STEP_S));
+        // A value with the time of one in doubt is that one again.
+        let State { marked, in_doubt, .. } = self.tags[at];
+        let is_before_mark = |t: f64| before.is_some_and(|mark| marked && t <= mark || in_doubt && t < mark);
         // What is bad has no value that a fresh stamp could make look fresh; its source often keeps the old stamp.
         let (t, stamped) = match (value.source.filter(|t| self.tags[at].series.is_newer(*t)), own) {
             (Some(t), _) if unusable => (t, true),
             _ if unusable => (behind(self.came(at, value)), false),
             // A value that did not change while it could not be had keeps its old source time, but comes after the mark.
-            (_, Some(t)) if self.tags[at].marked && before.is_some_and(|mark| t <= mark) => {
-                (behind(self.came(at, value)), false)
-            }
+            (_, Some(t)) if is_before_mark(t) => (behind(self.came(at, value)), false),
             // What changed before its repetition, and came after it, is put behind that.
             (_, Some(t))
                 if before.is_some_and(|end| t <= end)
@@ -400,7 +411,7 @@ impl Collector {
             reading.quality = Quality::Stale;
         }
         let Reading { value, quality } = reading;
-        (state.marked, state.good) = (value.is_nan(), quality.is_good());
+        (state.marked, state.in_doubt, state.good) = (value.is_nan(), false, quality.is_good());
         if let Quality::Bad(_) = quality {
             self.round.bad += 1;
             self.health.unusable();

@@ -102,6 +102,8 @@ fn names_of_vendors_say_what_they_are() {
         "FT101OP",
         "STOP",
         "FIC1OP",
+        "TC101 mV",
+        "Thermocouple_mV",
     ] {
         assert_eq!(said(name), None, "{name}");
     }
@@ -118,6 +120,7 @@ fn names_of_vendors_say_what_they_are() {
         ("UTC time", "UTC"),
         ("Local Time", "Local"),
         ("PV, C", "C"),
+        ("OP mV", "mV"),
     ] {
         assert_eq!(Name::new(name).unit.as_deref(), Some(unit), "{name}");
     }

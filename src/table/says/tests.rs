@@ -36,6 +36,13 @@ fn qualities_are_those_of_opc_or_words() {
         let hex = says(words).expect("OPC UA").expect("some");
         assert_eq!(["0x00000000", "0x808C0000"].map(|q| hex.quality(&Cell::Text(q))), [Quality::Good, bad]);
     }
+    // Nothing is wrong, and nothing is there.
+    let denied = says(&["No error", "Keine Störung", "Error"]).expect("words").expect("some");
+    assert_eq!(
+        ["No error", "No Fault", "Kein Fehler", "No data", "No good data", "No", "Not good", "Error"]
+            .map(|q| denied.quality(&Cell::Text(q)).is_good()),
+        [true, true, true, false, false, false, false, false]
+    );
     let french = says(&["Bonne", "Mauvaise"]).expect("words").expect("some");
     assert_eq!(["Bonne", "Mauvaise"].map(|q| french.quality(&Cell::Text(q))), [Quality::Good, bad]);
 }

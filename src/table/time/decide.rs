@@ -8,7 +8,7 @@ use super::super::options::{Format, Told};
 use super::super::source::TimeBase;
 use super::super::stamp::Order;
 use super::reading::{How, Reading, Spread};
-use super::tally::{Groups, Times, Track};
+use super::tally::{Groups, LATEST, Times, Track};
 use super::turns::{Clock, missing_hour, not_of_twelve_hours_a_day};
 use super::units::{per_second, unit_said};
 
@@ -28,6 +28,13 @@ pub(super) const LEAP: f64 = 25.0 * 86_400.0;
 /// Stamps are cut to one of these (s) where several rows share them.
 /// Days of a spreadsheet with three to five decimals are cut to multiples of the last three.
 const CUT: [f64; 6] = [1.0, 60.0, 3600.0, 0.864, 8.64, 86.4];
+/// A column of dates that all are before 1700 (s since 1970) or after 2100 has the years of another calendar.
+const EARLIEST: f64 = -8_520_336_000.0;
+/// The first days of the years 1 and 1601, from which .NET and Windows count (days since 1970): an elapsed time that is written as a date
+/// is in that year.
+const ELAPSED: [i64; 2] = [-719_162, -134_774];
+/// None of the two is a leap year.
+const DAYS_OF_A_YEAR: i64 = 365;
 /// A time of day is no more, and one of an hour (s).
 const A_DAY: f64 = 86_400.0;
 const AN_HOUR: f64 = 3600.0;
@@ -62,6 +69,9 @@ impl Times {
         let dated = self.dates.iter().map(|track| track.count).max().unwrap_or(0);
         let best = [numbers.track.count, dated, self.clocks.count, self.moments.count, self.formatted.count];
         let most = best.into_iter().max().unwrap_or(0);
+        if let Some(first) = self.first_far.as_ref().filter(|_| self.far > most) {
+            return Err(far(first, column));
+        }
         let chosen = self.zone(column, told)?;
         let (has_zone, zone) = (chosen.zone.name.is_some(), chosen.said.as_str());
         let new = |how, said: String| Reading::new(how, &chosen.zone, said);
@@ -72,6 +82,7 @@ impl Times {
             (&numbers.track, new(How::Number(decimal, unit), said), per_second(unit))
         } else if !by_pattern && dated == most {
             let order = self.order(column, told)?;
+            self.of_our_calendar(order, column)?;
             self.bare_millis(column)?;
             self.one_way_of_offsets(column, has_zone)?;
             let said = self.date_said(order) + if self.offsets[1].is_some() { zone } else { "" };
@@ -181,6 +192,17 @@ impl Times {
             "{row_name} {line}, column {number} ({name}): {without:?} has no offset, and {with:?} has one; say the zone of those \
              without with --tz, such as Europe/Berlin or UTC"
         )))
+    }
+
+    /// Refuses dates whose years are those of another calendar. Those that are too far from our time to be counted, as 2569 in Thailand
+    /// and 1405 in Iran are, [`far`] refuses.
+    fn of_our_calendar(&self, order: Order, column: &Column<'_>) -> Result<(), TableError> {
+        let track = &self.dates[order as usize];
+        if track.count == 0 || track.least < LATEST && track.most >= EARLIEST {
+            return Ok(());
+        }
+        let (line, cell) = self.example.clone().unwrap_or_default();
+        Err(of_another_calendar(line, &cell, column))
     }
 
     /// Refuses milliseconds without their leading zeros, of which `.8` is .008.
@@ -303,6 +325,26 @@ impl Times {
         };
         format!("time {kind}")
     }
+}
+
+fn of_another_calendar(line: u64, cell: &str, column: &Column<'_>) -> TableError {
+    let Column { row_name, number, name, .. } = column;
+    TableError::refused(format!(
+        "{row_name} {line}, column {number} ({name}): {cell:?} has the year of another calendar, and would be before 1700 or after 2100; \
+         save the times with the years of the Gregorian calendar, or as numbers since 1970"
+    ))
+}
+
+/// Refuses dates of which the first is this one, so far from our time that no times are counted by them.
+fn far((line, cell, day): &(u64, String, i64), column: &Column<'_>) -> TableError {
+    if !ELAPSED.iter().any(|first| (*first..first + DAYS_OF_A_YEAR).contains(day)) {
+        return of_another_calendar(*line, cell, column);
+    }
+    let Column { row_name, number, name, .. } = column;
+    TableError::refused(format!(
+        "{row_name} {line}, column {number} ({name}): {cell:?} is an elapsed time, written as a date of the first year that .NET or Windows \
+         counts; save it as a number of seconds"
+    ))
 }
 
 /// Whether so few of all rows have no time that they may be left out; the last one that has a time is numbered from 1.

@@ -267,6 +267,10 @@ pub struct Times {
     pub letters: Option<(u64, String)>,
     /// The first dated cell: its line and what stands there.
     pub example: Option<(u64, String)>,
+    /// Dates before 1678 or after 2261, which are in none of [`Times::dates`], and the first: its line, what stands there, and its days
+    /// since 1970.
+    pub far: u64,
+    pub first_far: Option<(u64, String, i64)>,
     /// Times of day without a date.
     pub clocks: Track,
     /// The first of them with two numbers only, and its line.
@@ -376,6 +380,10 @@ impl Times {
                 self.letters = Some((line, shown(&text())));
             }
             self.example.get_or_insert_with(|| (line, shown(&text())));
+            if let Some(day) = stamp.far_day() {
+                self.far += 1;
+                self.first_far.get_or_insert_with(|| (line, shown(&text()), day));
+            }
         }
         let clock = if let What::Clock(ns) = what { Some(ns as f64 * 1e-9) } else { None };
         if clock.is_some() && self.short_clock.is_none() && is_short(&text()) {

@@ -297,6 +297,44 @@ async fn a_value_that_is_told_once_is_stale_once_when_it_stays_for_too_long() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn a_value_at_rest_comes_behind_the_mark_of_before_the_start() {
+    let bad = Quality::Bad(BadReason::LinkDown);
+    let lost = Sample { t: START - 60.0, value: f64::NAN, quality: bad };
+    let frozen = Sample { value: 5.0, quality: Quality::Stale, ..lost };
+    for (more, mark, marks) in [("backfill_s = 3600.0", lost, 1), ("", lost, 0), ("", frozen, 0)] {
+        let (sink, mut collector) = (Recorder::default(), collector(1, more, None));
+        // It could not be had when the daemon ended, or was repeated, and has not changed for an hour.
+        collector.resume(&|_| Some(mark));
+        pass(1.0).await;
+        live(&mut collector, 0, &good(5.0, START - 3600.0), &sink);
+        let (samples, last) = (sink.of(0), sink.last(0));
+        assert!(last.quality.is_good() && last.value == 5.0 && last.t > mark.t, "{more}: {samples:?}");
+        assert!(forward(&samples) && samples[0].t > mark.t, "{more}: {samples:?}");
+        // With history what is missing is said once more.
+        assert_eq!(samples.iter().filter(|own| own.value.is_nan()).count(), marks, "{more}: {samples:?}");
+        live(&mut collector, 0, &good(5.0, START - 3600.0), &sink);
+        assert_eq!(sink.of(0).len(), samples.len(), "{more}: the same again");
+    }
+    // Behind a value it is that value again, and so it is where the source itself called it uncertain.
+    let value = Sample::good(START - 3600.0, 5.0);
+    let uncertain = Sample { quality: Quality::Stale, ..value };
+    for (more, newest) in
+        [("backfill_s = 3600.0", value), ("backfill_s = 3600.0", uncertain), ("", uncertain)]
+    {
+        let (sink, mut collector) = (Recorder::default(), collector(1, more, None));
+        collector.resume(&|_| Some(newest));
+        live(&mut collector, 0, &good(5.0, START - 3600.0), &sink);
+        assert!(sink.of(0).is_empty(), "{more}: {:?}", sink.of(0));
+    }
+    // A clock that is behind what was stored hides no refusal.
+    let (sink, mut collector) = (Recorder::default(), collector(1, "", None));
+    let ahead = Sample { t: START + 100.0, ..frozen };
+    collector.resume(&|_| Some(ahead));
+    collector.refused(0, "no such node", &sink);
+    assert!(sink.last(0).value.is_nan() && sink.last(0).t > ahead.t, "{:?}", sink.of(0));
+}
+
+#[tokio::test(start_paused = true)]
 async fn history_that_breaks_off_leaves_the_rest_a_gap() {
     for failed in [false, true] {
         let (sink, mut collector) = (Recorder::default(), collector(1, "", None));
