@@ -28,7 +28,7 @@ use sha2::{Digest, Sha256};
 use std::fmt::Write as _;
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, Seek, SeekFrom, Write};
-use std::os::unix::fs::OpenOptionsExt;
+use std::os::unix::fs::{FileExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
 /// The hash before the very first line.
@@ -152,15 +152,49 @@ impl Log {
     /// Waits until everything is on disk, then moves the head.
     ///
     /// # Errors
-    /// [`AuditError::Io`].
+    /// [`AuditError::Io`], also where the file is no longer in its place.
     pub fn sync(&mut self) -> Result<(), AuditError> {
         let head = format!("{:020} {}\n", self.last.n, self.last.hash);
-        let written = self.file.sync_data().and_then(|()| {
+        let written = self.look().and_then(|()| self.file.sync_data()).and_then(|()| {
             self.head.seek(SeekFrom::Start(0))?;
             self.head.write_all(head.as_bytes())?;
             self.head.sync_data()
         });
         written.map_err(|source| AuditError::Io { path: self.path.clone(), source })
+    }
+
+    /// Looks whether the file that is written is the one in its place, and whole. A program that rotates logs moves it or cuts it, and
+    /// what is written to one that was deleted is on no record.
+    fn look(&self) -> io::Result<()> {
+        let own = self.file.metadata()?;
+        if own.len() != self.size {
+            return Err(io::Error::other(format!(
+                "it has {} bytes where {} were written: something else has cut or changed it, or a write ended within a line, as on a \
+                 disk that is full; a restart of stictiond takes half a line out; else put it back as it was, and leave its rotation \
+                 to stictiond",
+                own.len(),
+                self.size
+            )));
+        }
+        let is_own = |there: fs::Metadata| (there.dev(), there.ino()) == (own.dev(), own.ino());
+        // A file system over a network may number its files anew.
+        if fs::metadata(&self.path).is_ok_and(is_own) || self.ends_alike().unwrap_or(false) {
+            return Ok(());
+        }
+        Err(io::Error::other(
+            "something else has moved, deleted or replaced it while it was written; put it back as it was, and leave its rotation to \
+             stictiond",
+        ))
+    }
+
+    /// Whether the file in its place is as long and ends in the hash of the last entry, by which it is known.
+    fn ends_alike(&self) -> io::Result<bool> {
+        let there = File::open(&self.path)?;
+        let end = format!("#{}\n", self.last.hash);
+        let mut bytes = vec![0; end.len()];
+        let Some(at) = self.size.checked_sub(end.len() as u64) else { return Ok(false) };
+        there.read_exact_at(&mut bytes, at)?;
+        Ok(there.metadata()?.len() == self.size && bytes == end.as_bytes())
     }
 
     fn line(&mut self, at: &str, event: &str, fields: &[(&str, String)]) -> Result<(), AuditError> {

@@ -45,6 +45,28 @@ pub struct Token {
     pub expires: f64,
 }
 
+impl Token {
+    /// What is another in the token that has its place now, for the audit log.
+    fn changes(&self, now: &Self) -> Vec<String> {
+        let mut found = Vec::new();
+        if now.name != self.name {
+            found.push(format!("is now called {}", now.name));
+        }
+        if now.roles != self.roles {
+            found.push(format!("is now {}", now.roles));
+        }
+        if now.hash != self.hash {
+            found.push("has another secret".to_string());
+        }
+        if now.expires.to_bits() != self.expires.to_bits() {
+            let end = jiff::Timestamp::from_second(now.expires as i64);
+            let end = end.map_or_else(|_| format!("{} s", now.expires), |end| end.to_string());
+            found.push(format!("now runs out at {end}"));
+        }
+        found
+    }
+}
+
 impl fmt::Debug for Token {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(out, "Token({} {:?}, {})", self.id, self.name, self.roles)
@@ -262,23 +284,28 @@ impl Book {
     pub fn differences(&self, other: &Book) -> Vec<String> {
         let mut found = Vec::new();
         for user in &self.users {
-            match other.user(&user.name) {
-                None => found.push(format!("user {} removed", user.name)),
-                Some(now) if now.roles != user.roles => {
-                    found.push(format!("user {} is now {}", user.name, now.roles))
-                }
-                Some(now) if now.stamp() != user.stamp() => {
-                    found.push(format!("user {} has another password", user.name))
-                }
-                Some(_) => {}
+            let Some(now) = other.user(&user.name) else {
+                found.push(format!("user {} removed", user.name));
+                continue;
+            };
+            if now.roles != user.roles {
+                found.push(format!("user {} is now {}", user.name, now.roles));
+            }
+            if now.password != user.password {
+                found.push(format!("user {} has another password", user.name));
             }
         }
         let new = other.users.iter().filter(|user| self.user(&user.name).is_none());
         found.extend(new.map(|user| format!("user {} added as {}", user.name, user.roles)));
-        let there = |book: &Book, token: &Token| book.tokens.iter().any(|other| other.id == token.id);
-        let gone = self.tokens.iter().filter(|token| !there(other, token));
-        found.extend(gone.map(|token| format!("token {} ({}) removed", token.name, token.id)));
-        let new = other.tokens.iter().filter(|token| !there(self, token));
+        for token in &self.tokens {
+            let own = format!("token {} ({})", token.name, token.id);
+            match other.tokens.iter().find(|other| other.id == token.id) {
+                None => found.push(format!("{own} removed")),
+                Some(now) => found.extend(token.changes(now).into_iter().map(|what| format!("{own} {what}"))),
+            }
+        }
+        let there = |token: &Token| self.tokens.iter().any(|own| own.id == token.id);
+        let new = other.tokens.iter().filter(|token| !there(token));
         found.extend(new.map(|token| format!("token {} ({}) made as {}", token.name, token.id, token.roles)));
         found
     }
@@ -354,6 +381,41 @@ mod tests {
         assert!(book.has(Role::Operator, 0.0) && !book.has(Role::Engineer, 0.0));
         assert_eq!(book.remove_user("m.keller"), Ok(()));
         assert!(matches!(book.remove_user("m.keller"), Err(BookError::Unknown(..))));
+    }
+
+    #[test]
+    fn of_a_user_with_other_roles_and_another_password_both_are_told() {
+        let mut book = Book::default();
+        book.add_user("jw", viewer(), password("a")).expect("added");
+        let mut other = book.clone();
+        let engineer = Roles::of(&[Role::Engineer]);
+        other.change_user("jw", Some(engineer), Some(password("b"))).expect("there");
+        assert_eq!(book.differences(&other), ["user jw is now engineer", "user jw has another password"]);
+    }
+
+    #[test]
+    fn what_has_changed_in_a_token_that_stays_is_told() {
+        let mut book = Book::default();
+        book.create_token("t", viewer(), (0.0, 100.0), [7; 38]).expect("made");
+        assert_eq!(book.differences(&book), Vec::<String>::new());
+        // The old one is good for ten seconds yet.
+        let mut rotated = book.clone();
+        rotated.rotate_token("t", (50.0, 200.0), 60.0, [9; 38]).expect("made");
+        assert_eq!(
+            book.differences(&rotated),
+            [
+                "token t (070707070707) now runs out at 1970-01-01T00:01:00Z",
+                "token t (090909090909) made as viewer"
+            ]
+        );
+        // By a hand in the file.
+        let mut edited = book.clone();
+        edited.tokens[0].name = "u".to_string();
+        edited.tokens[0].roles = Roles::of(&[Role::Engineer]);
+        edited.tokens[0].hash = [0; 32];
+        let said = ["is now called u", "is now engineer", "has another secret"];
+        let said = said.map(|what| format!("token t (070707070707) {what}"));
+        assert_eq!(book.differences(&edited), said);
     }
 
     #[test]

@@ -7,7 +7,7 @@ use super::secret::{Cost, PasswordHash, hex, random, unhex};
 use serde::{Deserialize, Serialize};
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Write};
-use std::os::unix::fs::{MetadataExt, OpenOptionsExt, PermissionsExt, chown};
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt, PermissionsExt, fchown};
 use std::path::{Path, PathBuf};
 
 /// Largest file read (bytes).
@@ -144,7 +144,7 @@ pub fn change<T, E: From<FileError>>(
     let new = beside(&format!(".new{suffix}"));
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let written = write(&new, &book)
-        .and_then(|()| keep_owner(&new, path, folder))
+        .and_then(|file| keep_owner(&file, path, folder))
         .and_then(|()| fs::rename(&new, path))
         .and_then(|()| File::open(folder)?.sync_all());
     if let Err(source) = written {
@@ -156,25 +156,26 @@ pub fn change<T, E: From<FileError>>(
 }
 
 /// Gives the new file the owner of the old one, a first file that of its folder: made by root, the daemon must still be
-/// able to read it.
-fn keep_owner(new: &Path, old: &Path, folder: &Path) -> io::Result<()> {
-    let (own, before) = (fs::metadata(new)?, fs::metadata(old));
+/// able to read it. It is the file that changes its owner, whatever its name stands for by then: the folder may be another user's.
+fn keep_owner(new: &File, old: &Path, folder: &Path) -> io::Result<()> {
+    let (own, before) = (new.metadata()?, fs::metadata(old));
     let wanted = before.as_ref().map_or_else(|_| fs::metadata(folder), |meta| Ok(meta.clone()))?;
     if (own.uid(), own.gid()) == (wanted.uid(), wanted.gid()) {
         return Ok(());
     }
-    let changed = chown(new, Some(wanted.uid()), Some(wanted.gid()));
+    let changed = fchown(new, Some(wanted.uid()), Some(wanted.gid()));
     // A first file in somebody else's folder is of who makes it, unless that is root.
     if before.is_ok() { changed } else { Ok(()) }
 }
 
+/// For the owner only. No link is followed, and nobody waits for what is no file: root would make files anywhere, or hang.
 fn private() -> OpenOptions {
     let mut options = OpenOptions::new();
-    options.write(true).mode(0o600);
+    options.write(true).mode(0o600).custom_flags(libc::O_NOFOLLOW | libc::O_NONBLOCK);
     options
 }
 
-fn write(path: &Path, book: &Book) -> io::Result<()> {
+fn write(path: &Path, book: &Book) -> io::Result<File> {
     let whole = Whole {
         version: VERSION,
         users: book.users.iter().map(OneUser::from).collect(),
@@ -184,7 +185,8 @@ fn write(path: &Path, book: &Book) -> io::Result<()> {
     text.push(b'\n');
     let mut file = private().create_new(true).open(path)?;
     file.write_all(&text)?;
-    file.sync_all()
+    file.sync_all()?;
+    Ok(file)
 }
 
 fn names(roles: &Roles) -> Vec<String> {
@@ -248,6 +250,7 @@ impl From<&Token> for OneToken {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::os::unix::fs::{chown, symlink};
 
     fn place(name: &str) -> PathBuf {
         let folder = std::env::temp_dir().join(format!("stictiond-access-{}", std::process::id()));
@@ -288,6 +291,34 @@ mod tests {
         }
         mode(0o600);
         assert_eq!(load(&path).expect("read"), book);
+    }
+
+    #[test]
+    fn what_another_user_makes_of_a_name_is_not_followed() {
+        let (path, lock, victim) = (place("linked.json"), place("linked.json.lock"), place("victim"));
+        symlink(&victim, &lock).expect("linked");
+        assert!(add(&path, "jw").is_err() && !victim.exists(), "nothing is made where a link leads");
+        fs::remove_file(&lock).expect("removed");
+        add(&path, "jw").expect("written");
+
+        // Between its making and its change of owner the new file's name becomes a link.
+        let new = place("linked.json.new");
+        let file = write(&new, &Book::default()).expect("written");
+        fs::write(&victim, "").expect("written");
+        let before = fs::metadata(&victim).expect("there");
+        fs::remove_file(&new).expect("removed");
+        symlink(&victim, &new).expect("linked");
+        // Where this is not allowed, both have one owner.
+        let _ = chown(&path, Some(65_532), Some(65_532));
+        keep_owner(&file, &path, &std::env::temp_dir()).expect("changed");
+        let (own, wanted) = (file.metadata().expect("open"), fs::metadata(&path).expect("there"));
+        assert_eq!((own.uid(), own.gid()), (wanted.uid(), wanted.gid()));
+        let after = fs::metadata(&victim).expect("there");
+        assert_eq!(
+            (after.uid(), after.gid()),
+            (before.uid(), before.gid()),
+            "another file got another owner"
+        );
     }
 
     #[test]

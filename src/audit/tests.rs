@@ -118,6 +118,59 @@ fn a_chain_computed_anew_meets_the_head() {
     assert_eq!(broken(&folder.log()).0, 4);
 }
 
+/// As a program does that rotates logs, or somebody who tidies up.
+#[test]
+fn a_log_that_is_moved_deleted_or_cut_while_it_is_written_takes_no_entries() {
+    let cut = |log: &Path| fs::write(log, "").expect("writable");
+    let moved = |log: &Path| fs::rename(log, with_suffix(log, ".old")).expect("writable");
+    let replaced = |log: &Path| {
+        moved(log);
+        fs::copy(with_suffix(log, ".old"), log).expect("writable");
+    };
+    let deleted = |log: &Path| fs::remove_file(log).expect("there");
+    let gone = "something else has moved";
+    type Way<'a> = &'a dyn Fn(&Path);
+    let ways: [(Way<'_>, &str); 4] =
+        [(&cut, "bytes where"), (&moved, gone), (&replaced, gone), (&deleted, gone)];
+    for (way, says) in ways {
+        let folder = Folder::new();
+        let mut log = Log::open(&folder.log(), WIDE, NOW).expect("opens");
+        let mut put = || log.append(NOW, "write", &[]).and_then(|()| log.sync());
+        put().expect("it is there");
+        way(&folder.log());
+        let error = put().expect_err("it is not there").to_string();
+        assert!(error.contains("audit.log: ") && error.contains(says), "{error}");
+    }
+}
+
+/// As a disk does that is full.
+#[test]
+fn of_a_line_that_was_written_in_part_both_lengths_are_told() {
+    let folder = Folder::new();
+    let mut log = Log::open(&folder.log(), WIDE, NOW).expect("opens");
+    let whole = fs::metadata(folder.log()).expect("there").len();
+    let mut part = OpenOptions::new().append(true).open(folder.log()).expect("opens");
+    part.write_all(b"2 2026").expect("writable");
+    let error = log.sync().expect_err("it is not whole").to_string();
+    assert!(error.contains(&format!("it has {} bytes where {whole} were written", whole + 6)), "{error}");
+    drop(log);
+    // What the text says of a restart.
+    let log = Log::open(&folder.log(), WIDE, NOW).expect("opens");
+    assert_eq!(log.last().n, 2, "the entry of the bytes that were taken out");
+}
+
+/// As a file system over a network does after its server was started anew: the same file has another number.
+#[test]
+fn a_log_that_only_has_another_number_goes_on() {
+    let folder = Folder::new();
+    let mut log = Log::open(&folder.log(), WIDE, NOW).expect("opens");
+    log.append(NOW, "write", &[]).expect("appends");
+    let other = folder.0.join("other");
+    fs::copy(folder.log(), &other).expect("copied");
+    fs::rename(&other, folder.log()).expect("writable");
+    log.sync().expect("it is there");
+}
+
 #[test]
 fn rotation_is_bounded_and_keeps_the_chain() {
     let folder = Folder::new();

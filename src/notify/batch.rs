@@ -84,6 +84,29 @@ impl Digest {
     pub fn changes(&self) -> u64 {
         self.notices.len() as u64 + self.lost + self.more.iter().map(|(.., count)| count).sum::<u64>()
     }
+
+    /// The notices one by one, each with those of the loops that are expected to calm down with its loop. Such a notice stands below one
+    /// that says that an alarm of its source was raised, that of stiction before others, and nowhere else; without one it stands by
+    /// itself.
+    pub fn grouped(&self) -> Vec<(&Notice, Vec<&Notice>)> {
+        // A source that is itself expected to calm down with another has nothing below it: two might stand below each other.
+        let above = |notice: &Notice| {
+            let source = &notice.swings_with.as_ref()?.source;
+            let is_above = |own: &Notice| {
+                own.what == What::Raised && own.swings_with.is_none() && own.alarm.of_loop() == Some(source)
+            };
+            let own = self.notices.iter().enumerate().filter(|(_, own)| is_above(own));
+            own.min_by_key(|(_, own)| own.alarm.kind != Kind::Stiction).map(|(at, _)| at)
+        };
+        let placed: Vec<(&Notice, Option<usize>)> =
+            self.notices.iter().map(|own| (own, above(own))).collect();
+        let below = |at: usize| -> Vec<&Notice> {
+            let own = placed.iter().filter(|(_, above)| *above == Some(at));
+            own.map(|(notice, _)| *notice).collect()
+        };
+        let alone = placed.iter().enumerate().filter(|(_, (_, above))| above.is_none());
+        alone.map(|(at, (notice, _))| (*notice, below(at))).collect()
+    }
 }
 
 impl Batch {
@@ -189,6 +212,8 @@ impl Batch {
 mod tests {
     use super::super::notice::tests::notice;
     use super::*;
+    use crate::results::SourceOrder;
+    use crate::signal::LoopId;
     use proptest::prelude::*;
 
     fn pace(wait_s: f64, interval_s: f64, most_per_hour: usize, listed: usize) -> Pace {
@@ -229,6 +254,49 @@ mod tests {
         assert_eq!((digest.notices.len(), digest.changes()), (3, 6));
         assert_eq!(digest.notices[0].priority, Priority::High, "the urgent one is told by name");
         assert_eq!(digest.more, [(What::Raised, Kind::Stiction, 3)]);
+    }
+
+    #[test]
+    fn who_calms_down_with_a_source_that_is_told_stands_below_it_once() {
+        let of = |id: &str, source: Option<&str>| {
+            let order = |source: &str| SourceOrder {
+                source: LoopId::new(source),
+                state: "open",
+                since: 0.0,
+                by: None,
+                note: None,
+            };
+            Notice { swings_with: source.map(order), ..notice(id, Priority::Low) }
+        };
+        let grouped = |notices: &[Notice]| -> Vec<(String, Vec<String>)> {
+            let digest = Digest { notices: notices.to_vec(), more: Vec::new(), lost: 0 };
+            let name = |own: &Notice| own.alarm.to_string();
+            let all = digest.grouped().into_iter();
+            all.map(|(own, below)| (name(own), below.into_iter().map(name).collect())).collect()
+        };
+        let told = |own: &str, below: &[&str]| {
+            (own.to_string(), below.iter().map(|own| (*own).to_string()).collect::<Vec<_>>())
+        };
+        let cleared = Notice { what: What::Cleared, ..of("A/f_rising", None) };
+        let [first, second] = ["B/not_identifiable", "C/unexplained_residual"].map(|id| of(id, Some("A")));
+        // Of the source's notices that of stiction, wherever it is; a loop whose source is not told is by itself.
+        let absent = of("D/not_identifiable", Some("E"));
+        let all =
+            [first.clone(), cleared.clone(), of("A/tag_bad", None), absent, of("A/stiction", None), second];
+        assert_eq!(
+            grouped(&all),
+            [
+                told("A/f_rising", &[]),
+                told("A/tag_bad", &[]),
+                told("D/not_identifiable", &[]),
+                told("A/stiction", &["B/not_identifiable", "C/unexplained_residual"]),
+            ]
+        );
+        // Nothing calms down with a source of which only an end is told.
+        assert_eq!(grouped(&[first, cleared]), [told("B/not_identifiable", &[]), told("A/f_rising", &[])]);
+        // Two that are each other's source are both told.
+        let round = [of("A/not_identifiable", Some("B")), of("B/not_identifiable", Some("A"))];
+        assert_eq!(grouped(&round), [told("A/not_identifiable", &[]), told("B/not_identifiable", &[])]);
     }
 
     #[test]

@@ -4,10 +4,10 @@ use super::time;
 use crate::bounded::{Bounded, HTTP};
 use crate::dial;
 use http_body_util::{BodyExt, Full, Limited};
-use hyper::body::Bytes;
+use hyper::body::{Bytes, Incoming};
 use hyper::client::conn::http1;
 use hyper::header::{HOST, HeaderName, HeaderValue, RETRY_AFTER, USER_AGENT};
-use hyper::{Request, StatusCode, Uri};
+use hyper::{Request, Response, StatusCode, Uri};
 use hyper_util::rt::TokioIo;
 use std::error::Error;
 use std::path::PathBuf;
@@ -15,7 +15,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::task::{JoinSet, spawn_blocking};
-use tokio::time::timeout;
+use tokio::time::{Instant, timeout_at};
 use tokio_rustls::TlsConnector;
 use tokio_rustls::rustls::crypto::ring;
 use tokio_rustls::rustls::pki_types::pem::PemObject;
@@ -92,11 +92,15 @@ impl Endpoint {
         body: Vec<u8>,
         limit: Duration,
     ) -> Result<Answer, String> {
-        let answer = timeout(limit, self.ask(headers, body)).await;
-        answer.unwrap_or_else(|_| Err(format!("no answer within {} s", limit.as_secs_f64())))
+        let until = Instant::now() + limit;
+        let answered = timeout_at(until, self.ask(headers, body)).await;
+        let answered =
+            answered.unwrap_or_else(|_| Err(format!("no answer within {} s", limit.as_secs_f64())));
+        let (response, _connection) = answered?;
+        Ok(read(response, until).await)
     }
 
-    async fn ask(&self, headers: Vec<(HeaderName, HeaderValue)>, body: Vec<u8>) -> Result<Answer, String> {
+    async fn ask(&self, headers: Vec<(HeaderName, HeaderValue)>, body: Vec<u8>) -> Result<Answered, String> {
         let path = self.uri.path_and_query().map_or("/", |path| path.as_str());
         let host = self.uri.authority().map_or("", |authority| authority.as_str());
         let mut request = Request::post(path)
@@ -122,26 +126,32 @@ impl Endpoint {
     }
 }
 
-async fn talk<S>(stream: S, request: Request<Full<Bytes>>) -> Result<Answer, String>
+/// An answer whose body is still to be read, and its connection, which ends with it.
+type Answered = (Response<Incoming>, (http1::SendRequest<Full<Bytes>>, JoinSet<bool>));
+
+async fn talk<S>(stream: S, request: Request<Full<Bytes>>) -> Result<Answered, String>
 where
     S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
 {
     let begun = http1::handshake(TokioIo::new(stream)).await;
     let (mut sender, connection) = begun.map_err(|error| whole(&error))?;
-    // Ends with this call, however that ends.
     let mut driver = JoinSet::new();
     driver.spawn(async move { connection.await.is_ok() });
     let response = sender.send_request(request).await.map_err(|error| whole(&error))?;
+    Ok((response, (sender, driver)))
+}
+
+/// What an answer says. One that is too long, breaks off or does not end in time has said what matters by its status.
+async fn read(response: Response<Incoming>, until: Instant) -> Answer {
     let (parts, body) = response.into_parts();
     let after = parts.headers.get(RETRY_AFTER).and_then(|value| value.to_str().ok());
-    // An answer that is too long or breaks off has said what matters by its status.
-    let body = Limited::new(body, MOST_ANSWER).collect().await;
-    let bytes = body.map(|body| body.to_bytes()).unwrap_or_default();
+    let body = timeout_at(until, Limited::new(body, MOST_ANSWER).collect()).await;
+    let bytes = body.ok().and_then(Result::ok).map(|body| body.to_bytes()).unwrap_or_default();
     let text = String::from_utf8_lossy(&bytes);
     let text =
         text.chars().take(MOST_QUOTED).map(|c| if c.is_control() { ' ' } else { c }).collect::<String>();
     let retry_after = after.and_then(|text| pause(text, time::wall()));
-    Ok(Answer { status: parts.status, retry_after, text: text.trim().to_string() })
+    Answer { status: parts.status, retry_after, text: text.trim().to_string() }
 }
 
 /// An error with what caused it.
@@ -205,6 +215,7 @@ pub(super) fn trusted(ca_file: Option<PathBuf>) -> Result<Vec<CertificateDer<'st
 #[cfg(test)]
 mod tests {
     use super::*;
+    use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
     #[test]
     fn addresses_are_encrypted_or_on_this_machine_and_hold_no_password() {
@@ -225,6 +236,29 @@ mod tests {
             assert!(found.contains(why), "{bad}: {found}");
         }
         assert!(Endpoint::of("http://plant/x", true, None).is_ok());
+    }
+
+    /// A message that was taken must not be sent again for want of the rest of a text that nobody needs.
+    #[tokio::test]
+    async fn an_answer_whose_body_does_not_end_has_its_status() {
+        let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let url = format!("http://{}/", listener.local_addr().unwrap());
+        let answering = tokio::spawn(async move {
+            let (mut stream, _) = listener.accept().await.unwrap();
+            let (mut request, mut chunk) = (Vec::new(), [0; 1024]);
+            while !request.ends_with(b"\r\n\r\n{}") {
+                let n = stream.read(&mut chunk).await.unwrap();
+                assert!(n > 0, "{}", String::from_utf8_lossy(&request));
+                request.extend(&chunk[..n]);
+            }
+            stream.write_all(b"HTTP/1.1 200 OK\r\ncontent-length: 9\r\n\r\nthanks").await.unwrap();
+            // Until the other side has gone.
+            assert_eq!(stream.read(&mut chunk).await.unwrap_or_default(), 0);
+        });
+        let endpoint = Endpoint::of(&url, false, None).unwrap();
+        let answer = endpoint.post(Vec::new(), b"{}".to_vec(), Duration::from_secs(2)).await;
+        assert_eq!(answer.map(|answer| answer.status), Ok(StatusCode::OK));
+        answering.await.unwrap();
     }
 
     #[test]

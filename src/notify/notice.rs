@@ -3,7 +3,7 @@
 use super::filter::What;
 use super::outlet::{News, Outlet};
 use crate::alarm::{AlarmId, Cause, Kind, Priority, State, Transition};
-use crate::results::{AlarmChange, AlarmView, Results, f_unit};
+use crate::results::{AlarmChange, AlarmView, Results, SourceOrder, f_unit};
 use crate::signal::LoopId;
 use std::collections::HashMap;
 use std::sync::{Arc, PoisonError, RwLock};
@@ -93,8 +93,8 @@ pub struct Notice {
     pub comment: Option<String>,
     /// Raised in a flood.
     pub grouped: bool,
-    /// The loop that its own may calm down with.
-    pub swings_with: Option<LoopId>,
+    /// The order on the loop that its own may calm down with.
+    pub swings_with: Option<SourceOrder>,
     /// Where people see it.
     pub link: Option<String>,
 }
@@ -164,10 +164,10 @@ impl Source {
         })
     }
 
-    /// The loop with which that of an alarm may calm down. What its own valve or signal says is its own.
-    pub(super) fn swings_with(&self, alarm: &AlarmId) -> Option<LoopId> {
+    /// The order on the loop with which that of an alarm may calm down. What its own valve or signal says is its own.
+    pub(super) fn swings_with(&self, alarm: &AlarmId) -> Option<SourceOrder> {
         let follows = matches!(alarm.kind, Kind::UnexplainedResidual | Kind::NotIdentifiable);
-        alarm.of_loop().filter(|_| follows).and_then(|id| self.results.swings_with(id))
+        alarm.of_loop().filter(|_| follows).and_then(|id| self.results.source_order(id))
     }
 
     /// Where people see an alarm.

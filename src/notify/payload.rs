@@ -4,7 +4,6 @@ use super::batch::Digest;
 use super::notice::{Friction, Notice, Source};
 use super::time::iso;
 use crate::results::words::short;
-use crate::signal::LoopId;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -94,7 +93,7 @@ fn alarm(notice: &Notice) -> Alarm<'_> {
         delta_aic: friction.and_then(|friction| friction.evidence),
         by: notice.by.as_deref(),
         comment: notice.comment.as_deref(),
-        swings_with: notice.swings_with.as_ref().map(LoopId::as_str),
+        swings_with: notice.swings_with.as_ref().map(|order| order.source.as_str()),
         link: notice.link.as_deref(),
     }
 }
@@ -136,6 +135,11 @@ fn json(value: &impl Serialize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::alarm::{Kind, Priority};
+    use crate::notify::filter::What;
+    use crate::notify::notice::tests::{notice, source};
+    use serde_json::Value;
+    use std::collections::BTreeSet;
 
     #[test]
     fn friction_is_told_in_figures_that_suit_its_unit() {
@@ -146,5 +150,23 @@ mod tests {
         let share = "f 0.00412 OP units, half of what the valve ignores (95 %: 0.00380 to 0.0110)";
         assert_eq!(of(0.004_12, Some([0.0038, 0.011]), "OP units"), share);
         assert_eq!(of(0.0, None, "% OP"), "f 0 % OP, half of what the valve ignores");
+    }
+
+    /// The body that the document shows has the keys of one that is sent.
+    #[test]
+    fn the_document_shows_every_key_of_a_body() {
+        let document = include_str!("../../docs/notifications.md");
+        let block = document.split("```json\n").nth(1).and_then(|rest| rest.split("```").next());
+        let shown: Value = serde_json::from_str(block.expect("a body")).expect("JSON");
+        let notices = vec![notice("A/stiction", Priority::High)];
+        let digest = Digest { notices, more: vec![(What::Raised, Kind::TagBad, 12)], lost: 0 };
+        let sent: Value = serde_json::from_str(&webhook(&digest, &source(), 0.0)).expect("JSON");
+        for at in ["", "/data", "/data/alarms/0", "/data/more/0"] {
+            let keys = |body: &Value| -> BTreeSet<String> {
+                let object = body.pointer(at).and_then(Value::as_object);
+                object.expect("an object").keys().cloned().collect()
+            };
+            assert_eq!(keys(&shown), keys(&sent), "{at}");
+        }
     }
 }

@@ -231,6 +231,8 @@ impl<C: Carrier> Postman<C> {
                 },
             }
         }
+        // Changes that came with the order to stop may be unheard yet, and the next start would take them for old.
+        self.catch_up(&mut batch, now());
         while let Ok(untold) = self.news.try_recv() {
             self.hold(untold, &mut batch, now());
         }

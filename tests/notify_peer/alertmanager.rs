@@ -7,6 +7,7 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::time::Duration;
+use stictiond::results::SourceOrder;
 use stictiond::signal::LoopId;
 use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader};
 use tokio::net::TcpListener;
@@ -217,7 +218,8 @@ async fn who_swings_with_another_is_inhibited_while_that_one_stands_by_the_rules
 
     // An order on FIC1 stands, and FIC2 is expected to calm down with it.
     let [source, victim] = ["FIC1", "FIC2"].map(LoopId::new);
-    daemon.app.results().swing([(victim, source)].into());
+    let order = SourceOrder { source, state: "open", since: 0.0, by: None, note: None };
+    daemon.app.results().swing([(victim, order)].into());
     let deadline = Instant::now() + PATIENCE;
     loop {
         let active = alertmanager.active().await;

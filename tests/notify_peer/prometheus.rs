@@ -120,3 +120,34 @@ async fn the_dashboard_has_the_shape_of_one() {
         }
     }
 }
+
+#[tokio::test]
+async fn the_dashboard_counts_collectors_that_have_never_answered_among_the_silent() {
+    let dashboard = std::fs::read_to_string(root().join("deploy/grafana/stictiond.json")).unwrap();
+    let dashboard: Value = serde_json::from_str(&dashboard).unwrap();
+    let panels = dashboard["panels"].as_array().unwrap();
+    let silent = panels.iter().find(|panel| panel["title"] == "Collectors that are silent").unwrap();
+    let expr = silent["targets"][0]["expr"].as_str().unwrap().replace("$instance", ".*");
+    let series = |metric: &str, device: &str, values: &str| {
+        let series = format!("stictiond_device_{metric}{{instance=\"i\",device=\"{device}\"}}");
+        serde_json::json!({"series": series, "values": values})
+    };
+    // One that answers, one that has stopped, and one that never began.
+    let plant = [
+        series("connected", "well", "1x10"),
+        series("last_good_age_seconds", "well", "1x10"),
+        series("connected", "stopped", "1x10"),
+        series("last_good_age_seconds", "stopped", "100+60x10"),
+        series("connected", "never", "0x10"),
+    ];
+    let asked =
+        serde_json::json!({"expr": expr, "eval_time": "5m", "exp_samples": [{"labels": "{}", "value": 2}]});
+    let tests = serde_json::json!({
+        "evaluation_interval": "1m",
+        "tests": [{"interval": "1m", "input_series": plant, "promql_expr_test": [asked]}]
+    });
+    let path = folder("prometheus-silent").join("silent.yml");
+    std::fs::write(&path, tests.to_string()).unwrap();
+    let output = promtool(&["test", "rules", path.to_str().unwrap()], "").await;
+    assert!(output.status.success(), "{}", said(&output));
+}

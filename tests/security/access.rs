@@ -3,6 +3,8 @@
 use super::rig::{PASSWORD, book, bytes, daemon, daemon_with, now, until};
 use serde_json::Value;
 use std::fs;
+use std::io::{self, Write};
+use std::sync::{Arc, Mutex};
 use stictiond::access::{Role, Roles};
 use stictiond::audit;
 use stictiond::serve::{Need, RULES};
@@ -10,6 +12,21 @@ use stictiond::writeback::BUILT_IN;
 
 fn viewer() -> Roles {
     Roles::of(&[Role::Viewer])
+}
+
+/// What is logged on this thread.
+#[derive(Clone, Default)]
+struct Log(Arc<Mutex<Vec<u8>>>);
+
+impl Write for Log {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.lock().expect("whole").extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
 }
 
 /// Every route, asked by everybody: who may gets past the door, whatever is behind it.
@@ -229,6 +246,27 @@ async fn passwords_are_not_tried_without_end() {
     let (none, some) =
         (daemon.try_password("nobody", "wrong").await, daemon.try_password("viewer", "wrong").await);
     assert_eq!((none.status, none.body), (some.status, some.body));
+}
+
+#[tokio::test]
+async fn who_tries_passwords_without_end_does_not_fill_the_log() {
+    let log = Log::default();
+    let writer = log.clone();
+    let to_log = tracing_subscriber::fmt().with_ansi(false).with_writer(move || writer.clone()).finish();
+    let _logging = tracing::subscriber::set_default(to_log);
+    let daemon = daemon("throttle-log").await;
+    let mut throttled = 0;
+    for _ in 0..1000 {
+        throttled += usize::from(daemon.try_password("operator", "wrong").await.status == 429);
+        if throttled == 60 {
+            break;
+        }
+    }
+    assert_eq!(throttled, 60);
+    let said = String::from_utf8_lossy(&log.0.lock().expect("whole")).into_owned();
+    // Twenty at once, and then one a minute.
+    let lines = said.lines().filter(|line| line.contains("log-in throttled")).count();
+    assert!((20..=22).contains(&lines), "{lines}");
 }
 
 #[tokio::test]

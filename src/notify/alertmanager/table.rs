@@ -120,7 +120,7 @@ fn alert(view: &AlarmView, source: &Source) -> Alert {
     }
     // By looks at the plant, and not by each diagnosis: it says so while an order stands and looks find the swing, and an alert that
     // it changes is another one.
-    let source_of = source.swings_with(&view.id);
+    let source_of = source.swings_with(&view.id).map(|order| order.source);
     let is_source = view.id.of_loop().is_some_and(|id| source.results.is_source(id));
     if let Some(of) = source_of.as_ref().or(view.id.of_loop().filter(|_| is_source)) {
         labels.insert("swings_with", of.to_string());

@@ -1,6 +1,6 @@
 //! The latest message of each topic, until the broker has taken it. Pure and bounded.
 
-use std::collections::{HashMap, VecDeque};
+use std::collections::{HashMap, HashSet, VecDeque};
 
 /// Messages by topic. A newer one takes the place of an older one: what matters of a loop is how it is now.
 #[derive(Debug)]
@@ -9,6 +9,8 @@ pub(super) struct Outbox {
     by_topic: HashMap<String, Entry>,
     /// Topics that wait to be sent, each once, the longest waiting first.
     waiting: VecDeque<String>,
+    /// Topics that the broker has emptied: they are kept while there is room, in case that it forgets it.
+    emptied: HashSet<String>,
 }
 
 #[derive(Debug)]
@@ -20,7 +22,7 @@ struct Entry {
 
 impl Outbox {
     pub(super) fn new(most: usize) -> Self {
-        Self { most, by_topic: HashMap::new(), waiting: VecDeque::new() }
+        Self { most, by_topic: HashMap::new(), waiting: VecDeque::new(), emptied: HashSet::new() }
     }
 
     /// Takes a message; false when there is no room for another topic.
@@ -28,13 +30,14 @@ impl Outbox {
         if let Some(entry) = self.by_topic.get_mut(topic) {
             if entry.payload != payload {
                 (entry.payload, entry.version) = (payload, entry.version + 1);
+                self.emptied.remove(topic);
                 if !std::mem::replace(&mut entry.waits, true) {
                     self.waiting.push_back(topic.into());
                 }
             }
             return true;
         }
-        if self.by_topic.len() >= self.most {
+        if self.by_topic.len() >= self.most && !self.forget_emptied() {
             return false;
         }
         self.by_topic.insert(topic.into(), Entry { payload, version: 0, waits: true });
@@ -58,6 +61,22 @@ impl Outbox {
         self.waiting.len()
     }
 
+    /// A topic that the broker has emptied makes room for another; false where there is none.
+    fn forget_emptied(&mut self) -> bool {
+        let Some(topic) = self.emptied.iter().next().cloned() else { return false };
+        self.emptied.remove(&topic);
+        self.by_topic.remove(&topic);
+        true
+    }
+
+    /// The broker has taken a message.
+    pub(super) fn taken(&mut self, topic: &str, version: u64) {
+        let latest = self.by_topic.get(topic).filter(|entry| entry.version == version && !entry.waits);
+        if latest.is_some_and(|entry| entry.payload.is_empty()) {
+            self.emptied.insert(topic.into());
+        }
+    }
+
     /// A message was not taken after all: unless there is a newer one, it waits again.
     pub(super) fn failed(&mut self, topic: &str, version: u64) {
         if let Some(entry) = self.by_topic.get_mut(topic)
@@ -74,6 +93,7 @@ impl Outbox {
         topics.sort_unstable();
         self.by_topic.values_mut().for_each(|entry| entry.waits = true);
         self.waiting = topics.into();
+        self.emptied.clear();
     }
 
     /// Empties all topics but these: an empty message takes the one that the broker keeps away.
@@ -108,6 +128,29 @@ mod tests {
         outbox.empty_all_but(|topic| topic == "a");
         assert_eq!(outbox.next(), Some(("b".into(), 1, vec![])));
         assert_eq!(outbox.next(), None);
+    }
+
+    #[test]
+    fn topics_that_the_broker_has_emptied_make_room_for_others() {
+        let mut outbox = Outbox::new(2);
+        assert!(outbox.put("a", vec![1]) && outbox.put("b", vec![2]));
+        while let Some((topic, version, _)) = outbox.next() {
+            outbox.taken(&topic, version);
+        }
+        outbox.empty_all_but(|_| false);
+        assert!(!outbox.put("c", vec![3]), "the broker still has the others");
+        let (first, version, _) = outbox.next().expect("it waits");
+        outbox.taken(&first, version - 1);
+        assert!(!outbox.put("c", vec![3]), "it has taken what was there before");
+        outbox.taken(&first, version);
+        assert!(outbox.put("c", vec![3]) && !outbox.put("d", vec![4]), "one for one");
+
+        // One that has something again is none of them.
+        let (second, version, _) = outbox.next().expect("it waits");
+        outbox.taken(&second, version);
+        assert!(outbox.put(&second, vec![5]) && !outbox.put("d", vec![4]));
+        let left: Vec<String> = std::iter::from_fn(|| outbox.next()).map(|(topic, ..)| topic).collect();
+        assert_eq!(left, ["c".to_string(), second]);
     }
 
     proptest! {

@@ -208,6 +208,7 @@ impl Publisher {
                 Some((topic, version, taken)) = on_their_way.next() => {
                     if taken {
                         self.counters.takes((self.now)());
+                        outbox.taken(&topic, version);
                     } else {
                         outbox.failed(&topic, version);
                     }

@@ -107,11 +107,16 @@ impl Mail {
         let talking = async {
             let mut open = server.connect(knows_ehlo).await?;
             let sent = open.send(to, &mail.formatted()).await;
-            open.abort().await;
-            sent.map(drop).map_err(Unsent::from)
+            Ok::<_, Unsent>((open, sent))
         };
         let late = |_| Fault::Later(format!("not sent within {} s", limit.as_secs_f64()), None);
-        timeout(limit, talking).await.map_err(late)
+        let (mut open, sent) = match timeout(limit, talking).await.map_err(late)? {
+            Ok(talked) => talked,
+            Err(error) => return Ok(Err(error)),
+        };
+        // A server that has taken the mail and does not say goodbye must not be sent it again.
+        let _ = timeout(self.limit(), open.abort()).await;
+        Ok(sent.map(drop).map_err(Unsent::from))
     }
 
     /// One address that is refused must not keep the mail from the others. Once somebody has it, who refused it for good is left
@@ -241,4 +246,53 @@ fn parameters(config: &Config, host: &str) -> Result<TlsParameters, String> {
         }
     }
     tls.build().map_err(|error| error.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
+    use tokio::net::{TcpListener, TcpStream};
+
+    /// A server that takes one mail and does not answer the farewell; what it was sent as the text.
+    async fn takes_and_is_silent(stream: TcpStream) -> Vec<String> {
+        let (read, mut write) = stream.into_split();
+        let mut lines = BufReader::new(read).lines();
+        write.write_all(b"220 mail\r\n").await.unwrap();
+        let (mut text, mut is_text) = (Vec::new(), false);
+        while let Ok(Some(line)) = lines.next_line().await {
+            let said = match line.as_str() {
+                "." => "250 taken\r\n",
+                "DATA" => "354 go on\r\n",
+                "QUIT" => continue,
+                _ if is_text => {
+                    text.push(line);
+                    continue;
+                }
+                _ => "250 well\r\n",
+            };
+            is_text = line == "DATA";
+            write.write_all(said.as_bytes()).await.unwrap();
+        }
+        text
+    }
+
+    #[tokio::test]
+    async fn a_mail_that_was_taken_is_sent_though_nobody_says_goodbye() {
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let config = format!(
+            "name = 'm'\naddress = '{}'\nsecurity = 'none'\nfrom = 'a@plant.example'\nto = ['b@plant.example']\n\
+             timeout_s = 1.0\n",
+            listener.local_addr().unwrap()
+        );
+        let config = toml::from_str(&config).unwrap();
+        let mail = Mail { config, letters: Arc::new(Letters::open(None, 5)) };
+        let letter = Letter::new("a valve sticks\n\nFIC101".into(), 0.0).unwrap();
+        let answering = tokio::spawn(async move {
+            let (stream, _) = listener.accept().await.unwrap();
+            takes_and_is_silent(stream).await
+        });
+        assert_eq!(mail.carry(&letter).await, Ok(()));
+        assert!(answering.await.unwrap().contains(&"FIC101".to_string()));
+    }
 }

@@ -6,10 +6,13 @@ use crate::notify::filter::What;
 use crate::notify::notice::{Notice, Source};
 use crate::notify::payload;
 use crate::notify::time::iso;
+use crate::results::SourceOrder;
 use crate::results::words::swings_with as swings;
 
 /// Longest subject (characters).
 const MOST_SUBJECT: usize = 120;
+/// What stands before each line of a change that is listed below its source's.
+const BELOW: &str = "    ";
 
 /// `[stictiond] HIGH FIC101: the valve sticks (and 3 more)`.
 pub(super) fn subject(digest: &Digest, source: &Source) -> String {
@@ -40,8 +43,13 @@ fn head(notice: &Notice) -> String {
 /// All of it, one paragraph a change.
 pub(super) fn body(digest: &Digest, source: &Source) -> String {
     let mut out = String::new();
-    for notice in &digest.notices {
-        paragraph(notice, &mut out);
+    for (notice, victims) in digest.grouped() {
+        paragraph(notice, "", &mut out);
+        if !victims.is_empty() {
+            out += "  expected to calm down with it:\n";
+            victims.into_iter().for_each(|victim| paragraph(victim, BELOW, &mut out));
+        }
+        out += "\n";
     }
     for (what, kind, count) in &digest.more {
         out += &format!("and {count} more {}: {}\n", what.as_str(), kind_words(*kind));
@@ -59,11 +67,12 @@ fn kind_words(kind: Kind) -> String {
     format!("{} ({})", kind.words(), kind.as_str())
 }
 
-fn paragraph(notice: &Notice, out: &mut String) {
-    *out += &format!("{}\n", line(&head(notice)));
+/// What a change is about, each line behind `indent`.
+fn paragraph(notice: &Notice, indent: &str, out: &mut String) {
+    *out += &format!("{indent}{}\n", line(&head(notice)));
     let mut say = |name: &str, text: &str| {
         if !text.is_empty() {
-            *out += &format!("  {name:<9}{}\n", line(text));
+            *out += &format!("{indent}  {name:<9}{}\n", line(text));
         }
     };
     say(
@@ -76,14 +85,23 @@ fn paragraph(notice: &Notice, out: &mut String) {
     let is_there = matches!(notice.state, State::Unacknowledged | State::Acknowledged);
     let found = if is_there || notice.alarm.kind == Kind::FRising { "found" } else { "was" };
     say(found, &notice.detail);
-    let swings_with = notice.swings_with.as_ref();
-    say("swings", &swings_with.map(|source| swings(source.as_str())).unwrap_or_default());
+    // Below its source this is said by where it stands.
+    if let Some(order) = notice.swings_with.as_ref().filter(|_| indent.is_empty()) {
+        say("swings", &swings(order.source.as_str()));
+        say("order", &standing(order));
+    }
     say("friction", &notice.friction.as_ref().map(payload::friction).unwrap_or_default());
     say("state", notice.state.as_str());
     say("by", notice.by.as_deref().unwrap_or_default());
     say("comment", notice.comment.as_deref().unwrap_or_default());
     say("see", notice.link.as_deref().unwrap_or_default());
-    *out += "\n";
+}
+
+/// `FIC102, ordered since 2026-01-01T00:00:00Z (ann: 4711)`.
+fn standing(order: &SourceOrder) -> String {
+    let said: Vec<&str> = [&order.by, &order.note].into_iter().filter_map(|own| own.as_deref()).collect();
+    let said = if said.is_empty() { String::new() } else { format!(" ({})", said.join(": ")) };
+    format!("{}, {} since {}{said}", order.source, order.state, iso(order.since))
 }
 
 /// On one line: what people and devices say does not shape a mail.
@@ -96,12 +114,13 @@ mod tests {
     use super::*;
     use crate::alarm::{AlarmId, Priority};
     use crate::notify::notice::tests::{notice, source};
+    use crate::signal::LoopId;
 
     #[test]
     fn a_condition_that_has_gone_is_not_said_to_be_found() {
         let told = |notice: &Notice| {
             let mut out = String::new();
-            paragraph(notice, &mut out);
+            paragraph(notice, "", &mut out);
             out
         };
         let raised = notice("A/stiction", Priority::High);
@@ -133,6 +152,48 @@ mod tests {
             let (_, said) = head.split_once("LOW A: ").expect("a head");
             assert!(list.contains(&format!("{}: \"{said}\"", kind.as_str())), "{head}");
         }
+    }
+
+    #[test]
+    fn victims_are_listed_below_their_source_and_one_without_it_names_its_order() {
+        let order = SourceOrder {
+            source: LoopId::new("FIC102"),
+            state: "ordered",
+            since: 1_767_225_600.0,
+            by: Some("ann".into()),
+            note: Some("4711".into()),
+        };
+        let plain = |id: &str, priority| Notice { friction: None, link: None, ..notice(id, priority) };
+        let victim =
+            Notice { swings_with: Some(order), ..plain("LIC201/unexplained_residual", Priority::Low) };
+        let source_of = plain("FIC102/stiction", Priority::High);
+        let told = |notices: Vec<Notice>| body(&Digest { notices, more: Vec::new(), lost: 0 }, &source());
+        let fields = |indent: &str, alarm: &str, priority: &str| {
+            format!(
+                "{indent}  alarm    {alarm}, {priority} priority, raised\n\
+                 {indent}  time     2026-01-01T00:00:00Z\n\
+                 {indent}  group    unit 10\n\
+                 {indent}  found    sticks by 2.5 %\n"
+            )
+        };
+        let state = "  state    unacknowledged\n";
+        let below = format!(
+            "    LOW LIC201: much is unexplained\n{}    {state}",
+            fields("    ", "LIC201/unexplained_residual", "low")
+        );
+        let own = format!("HIGH FIC102: the valve sticks\n{}{state}", fields("", "FIC102/stiction", "high"));
+        assert_eq!(
+            told(vec![victim.clone(), source_of]),
+            format!("{own}  expected to calm down with it:\n{below}\n")
+        );
+        assert_eq!(
+            told(vec![victim]),
+            format!(
+                "LOW LIC201: much is unexplained\n{}  swings   {}\n  order    FIC102, ordered since 2026-01-01T00:00:00Z (ann: 4711)\n{state}\n",
+                fields("", "LIC201/unexplained_residual", "low"),
+                swings("FIC102")
+            )
+        );
     }
 
     #[test]
