@@ -29,6 +29,7 @@ pub use glance::Glance;
 pub use judged::{Judged, KnownEffect, ModelVersion, Residuals};
 pub use kept::{Change, Keeper, KeptAlarm, Remembered, Restored, RestoredAlarm, Summary};
 pub use origin::Origin;
+pub use swings::SourceOrder;
 pub use told::Told;
 
 #[cfg(test)]
@@ -36,8 +37,8 @@ pub(crate) use judged::tests::{effect as made_effect, findings as made_findings}
 
 use crate::alarm;
 use crate::compensation::gate::{self, News};
-use crate::diagnosis::{Diagnosis, Verdict};
-use crate::signal::{LoopId, MILLIAMPERES};
+use crate::diagnosis::Verdict;
+use crate::signal::LoopId;
 use alarms::Alarms;
 use events::EventLog;
 use looked::Looked;
@@ -114,7 +115,7 @@ impl Run {
         self.outcome.as_str() == Verdict::Stiction.as_str()
     }
 
-    /// What turns OP units into % of OP span; a span that is not known is taken for 100.
+    /// What turns OP units into % of OP span; 1 where that is not known, so that they stay what they are.
     fn percent(&self) -> f64 {
         self.op_span.filter(|span| *span > 0.0).map_or(1.0, |span| 100.0 / span)
     }
@@ -167,7 +168,7 @@ impl Run {
                 Outcome::DeadlineExceeded => "the run was not done before its deadline".to_string(),
                 Outcome::Panicked(_) => "the diagnosis failed; the log says why".to_string(),
             },
-            f_in_percent: judged.is_none_or(|j| op_in_percent(self.op_span, &j.diagnosis)),
+            f_in_percent: judged.is_none() || op_in_percent(self.op_span),
             f: friction.map(|(f, ..)| f * percent),
             f_ci95: friction.map(|(_, interval, _)| interval.map(|limit| limit * percent)),
             delta_aic: friction.map(|(.., evidence)| evidence),
@@ -175,16 +176,10 @@ impl Run {
     }
 }
 
-/// Whether friction along OP can be told in per cent of its span: the span is configured, or OP's values could be per
-/// cent, all within 0..100 and neither all within 0..1 (which would be a share of the span) nor all within 4..20 (which may
-/// be mA).
-pub fn op_in_percent(op_span: Option<f64>, diagnosis: &Diagnosis) -> bool {
-    if op_span.is_some_and(|span| span.is_finite() && span > 0.0) {
-        return true;
-    }
-    let (least, most) = diagnosis.op_range().unwrap_or((f64::INFINITY, f64::NEG_INFINITY));
-    let milliamperes = MILLIAMPERES.0 <= least && most <= MILLIAMPERES.1;
-    least >= 0.0 && most <= 100.0 && most > 1.0 && !milliamperes
+/// Whether friction along OP can be told in per cent of its span: where that is known. OP's values tell it before a diagnosis
+/// ([`crate::signal::Record::find_span`]), and where they do not, as in kPa, f is in OP's own unit.
+pub fn op_in_percent(op_span: Option<f64>) -> bool {
+    op_span.is_some_and(|span| span.is_finite() && span > 0.0)
 }
 
 /// The unit along OP as everything that is shown writes it.
@@ -250,6 +245,8 @@ struct Entry {
     model: ModelVersion,
     /// Friction as it was found last while no term acted.
     before: Option<Before>,
+    /// Time of the last sample that was fitted by the last run of before the start that said whether the valve sticks (s).
+    fitted_before: Option<f64>,
     /// What stands for where it is read; `None` where nobody said.
     source: Option<u64>,
     looked: Looked,
@@ -270,8 +267,8 @@ pub struct Results {
     keep: usize,
     /// Loops with a term in force.
     reinforced: RwLock<HashSet<LoopId>>,
-    /// Of each loop that is expected to calm down with another, that other.
-    sources: RwLock<HashMap<LoopId, LoopId>>,
+    /// Of each loop that is expected to calm down with another, the order on that other.
+    sources: RwLock<HashMap<LoopId, SourceOrder>>,
     alarms: Alarms,
     events: broadcast::Sender<Event>,
     log: EventLog,
@@ -310,6 +307,7 @@ impl Results {
                     summaries: VecDeque::new(),
                     model: ModelVersion::default(),
                     before: None,
+                    fitted_before: None,
                     source: None,
                     looked: Looked::default(),
                 }))

@@ -32,7 +32,7 @@ use crate::residual::Structure;
 use crate::results::{Basis, Judged, Outcome, Results, Run, Told, Trigger};
 use crate::signal::{LoopId, Record};
 use counters::Counts;
-use evidence::{Counted, Reach};
+use evidence::{Before, Counted, Reach};
 use futures::future::BoxFuture;
 use queues::Queues;
 use std::cmp::Reverse;
@@ -459,7 +459,10 @@ impl Scheduler {
             basis,
             outcome,
         };
-        let before = || evidence::last_said(&self.results.summaries(&seat.id)?, finished);
+        let before = || {
+            let ago_s = evidence::last_said(&self.results.summaries(&seat.id)?, finished)?;
+            Some(Before { ago_s, fitted: self.results.fitted_before(&seat.id) })
+        };
         let reach = || asked.newest.map(|newest| Reach { newest, fitted: run.fitted_until() });
         let again =
             evidence::says(run.outcome.as_str()) && !seat.counted.takes(reach(), asked.period_s, before);

@@ -143,23 +143,110 @@ fn what_is_damaged_behind_the_first_look_is_found_before_it_is_said_to_be_whole(
     fs::remove_dir_all(place).expect("removed");
 }
 
-/// Whichever bit of the database or of its log: a check says so.
+/// Faults that a check finds in a store.
+fn faults(own: &Path) -> Vec<String> {
+    store::check(own).expect("can be read").faults
+}
+
+/// Files of a store that hold something, but for the database's index, which is made anew.
+const ALL: [&str; 6] = ["states.log", "store.ack", "store.age", "store.db", "store.db-wal", "store.sum"];
+/// Those that are made anew from what is whole.
+const RENEWED: [&str; 2] = ["states.log", "store.age"];
+
+/// Whichever bit of whichever file: a check says so. Where a file is made anew from what is whole the store works all the same.
 #[test]
 fn a_flipped_bit_anywhere_is_found() {
     let place = folder("bits");
     made(&place);
     let (killed, own) = (place.join("killed"), place.join("own"));
-    assert_eq!(store::check(&killed).expect("read").faults, [] as [String; 0]);
+    copy(&killed, &own);
+    let mut files: Vec<String> = fs::read_dir(&own)
+        .expect("there")
+        .map(|file| file.expect("read"))
+        .filter(|file| file.metadata().expect("there").len() > 0)
+        .map(|file| file.file_name().to_string_lossy().into_owned())
+        .collect();
+    files.sort();
+    assert_eq!(files, ALL);
+    assert_eq!(faults(&own), [] as [String; 0]);
     let mut rng = rand_pcg::Pcg64::seed_from_u64(2);
-    for n in 0..40 {
+    for n in 0..20 * ALL.len() {
         copy(&killed, &own);
-        let file = ["store.db", "store.db-wal"][n % 2];
+        let file = ALL[n % ALL.len()];
         assert!(hurt(&own, file, "bit", &mut rng));
-        // A page that the log has too is of no account: then nothing may be gone.
         let found = store::check(&own).expect("read");
         let opened = Store::open(&Config::new(&own));
-        assert_eq!(found.faults.is_empty(), opened.is_ok(), "{file}: {:?}", found.faults);
+        if RENEWED.contains(&file) {
+            assert!(found.faults.len() == 1 && found.faults[0].starts_with(file), "{:?}", found.faults);
+            assert!(found.renewable == 1 && found.left.is_none() && opened.is_ok(), "{found:?}");
+        } else {
+            // A page that the log has too is of no account: then nothing may be gone.
+            assert_eq!(found.faults.is_empty(), opened.is_ok(), "{file}: {:?}", found.faults);
+        }
     }
+    fs::remove_dir_all(place).expect("removed");
+}
+
+/// Cut within a record or behind one, emptied or gone: how many of its records are lost is told, and it comes from the database.
+#[test]
+fn a_second_copy_that_is_cut_or_gone_is_found_and_written_anew() {
+    let place = folder("copy");
+    let (whole, truth) = at_rest(&place);
+    let own = place.join("own");
+    let config = Config::new(&own);
+    let bytes = fs::read(whole.join("states.log")).expect("there");
+    let all = files::records(&bytes);
+    let ends = files::ends(&bytes);
+    let (last, middle) = (ends[ends.len() - 2], ends[ends.len() / 2]);
+    let cuts = [
+        (Some(bytes.len() - 1), 1),
+        (Some(last), 1),
+        (Some(middle + 1), all - ends.len() as u64 / 2 - 1),
+        (Some(0), all),
+        (None, all),
+    ];
+    for (length, lost) in cuts {
+        copy(&whole, &own);
+        let path = own.join("states.log");
+        match length {
+            Some(length) => fs::write(&path, &bytes[..length]).expect("written"),
+            None => fs::remove_file(&path).expect("removed"),
+        }
+        let told = faults(&own);
+        let says = format!("states.log, the second copy of the states: {lost} of {all} records ");
+        assert!(told.len() == 1 && told[0].starts_with(&says), "{length:?}: {told:?}");
+        assert!(told[0].contains("no state is lost") && told[0].contains("--repair"), "{told:?}");
+        assert_eq!(told[0].contains("gone with the file"), length.is_none(), "{told:?}");
+        store::renew(&config).expect("written anew");
+        assert_eq!(faults(&own), [] as [String; 0]);
+        assert_eq!(files::records(&fs::read(&path).expect("there")), all);
+        assert_eq!(content(&Reader::open(&own).expect("whole")), truth);
+    }
+    // What was never acknowledged may be torn.
+    copy(&whole, &own);
+    fs::write(own.join("states.log"), [&bytes[..], &bytes[..20]].concat()).expect("written");
+    assert_eq!(faults(&own), [] as [String; 0]);
+    // As of a store of before there was a second copy: there was no ledger either.
+    for name in ["states.log", "store.ack", "store.sum"] {
+        fs::remove_file(own.join(name)).expect("there");
+    }
+    assert_eq!(faults(&own), [] as [String; 0]);
+    fs::remove_dir_all(place).expect("removed");
+}
+
+/// Its database damaged too: what the repair makes of the rest has a second copy that is whole.
+#[test]
+fn a_second_copy_is_named_beside_a_database_that_is_damaged() {
+    let place = folder("copy-too");
+    let (own, _) = at_rest(&place);
+    files::overwrite(&own, "trends");
+    fs::remove_file(own.join("states.log")).expect("there");
+    let found = store::check(&own).expect("can be read");
+    let of_copy: Vec<&String> = found.faults.iter().filter(|fault| fault.starts_with("states.log")).collect();
+    assert!(of_copy.len() == 1 && !of_copy[0].contains("no state is lost"), "{:?}", found.faults);
+    assert!(found.left.is_some_and(|left| left.contains("models: all are back")));
+    store::repair(&Config::new(&own)).expect("repaired");
+    assert_eq!(faults(&own), [] as [String; 0]);
     fs::remove_dir_all(place).expect("removed");
 }
 

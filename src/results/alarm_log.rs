@@ -69,7 +69,9 @@ impl AlarmLog {
         let begun = first.map_or(f64::INFINITY, |first| first.transition.at);
         let first = first.map_or(BEFORE + 1, |first| first.number);
         let room = MOST_CHANGES - self.kept.len();
-        let before = kept.into_iter().rev().filter(|change| change.transition.at < begun).take(room);
+        // One of since the start is not of before, though its clock was behind then and set right later.
+        let is_before = |own: &AlarmChange| own.transition.at < begun && !self.has(&own.id, &own.transition);
+        let before: Vec<AlarmChange> = kept.into_iter().rev().filter(is_before).take(room).collect();
         for (number, change) in (1..first).rev().zip(before) {
             self.kept.push_front(Arc::new(AlarmChange { number, ..change }));
         }
@@ -128,6 +130,14 @@ mod tests {
             log.restore([3, 5, 10].map(change).into());
             assert_eq!((of(&log), log.latest()), (vec![(10, 2001), (5, 2000), (3, 1999)], 2001));
         }
+        // The clock said 1970 after a start, and was set right.
+        let mut log = AlarmLog::default();
+        log.restore(vec![change(9)]);
+        log.push(change(2));
+        log.push(change(11));
+        let before = of(&log);
+        log.restore([9, 2, 11].map(change).into());
+        assert_eq!(of(&log), before);
         let mut log = AlarmLog::default();
         log.restore((0..MOST_CHANGES + 5).map(change).collect());
         let kept = of(&log);

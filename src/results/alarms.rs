@@ -234,6 +234,11 @@ impl Results {
         acted
     }
 
+    /// Has all alarms kept as they stand: where that is done has none of them.
+    pub fn keep_alarms(&self) {
+        self.with_board(|board, news| news.kept = board.all());
+    }
+
     /// The clock was set by so much (s): no condition has held for longer by that.
     pub fn clock_was_set(&self, by: f64) {
         self.with_board(|board, news| board.clock_was_set(by, news));

@@ -192,6 +192,12 @@ impl Board {
         }
     }
 
+    /// All alarms as they stand, but those of which there is nothing to keep.
+    pub fn all(&self) -> Vec<KeptAlarm> {
+        let there = self.alarms.iter().filter(|(_, own)| !own.alarm.is_blank());
+        there.map(|(id, own)| own.kept(id, Vec::new(), false)).collect()
+    }
+
     /// The clock was set by so much (s): no condition has held for longer by that, also after a restart. Of another machine's
     /// alarms its own clock counts.
     pub fn clock_was_set(&mut self, by: f64, news: &mut News) {

@@ -71,7 +71,7 @@ impl Compensated {
 
     /// What a reason begins with.
     pub fn reason(&self, run: &Run) -> String {
-        let unit = run.judged().map_or("", |own| f_unit(op_in_percent(run.op_span, &own.diagnosis)));
+        let unit = f_unit(op_in_percent(run.op_span));
         let before =
             self.f_before.map(|f| format!("; f {} {unit} as of before", told(f))).unwrap_or_default();
         match (self.seen, self.f_before) {

@@ -74,7 +74,8 @@ impl Judged {
             Verdict::NotIdentifiable(_) => None,
         };
         let window = self.diagnosis.shown_window().filter(|window| !window.is_empty());
-        let second = window.map(|window| second_opinions(&window, integrates, sticks));
+        let found = &self.diagnosis.verdict;
+        let second = window.map(|window| second_opinions(&window, integrates, found, sticks));
         if let Some(Second { opinions, agreement }) = second {
             (self.opinions, self.agreement) = (opinions, Some(agreement));
         }

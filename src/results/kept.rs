@@ -7,7 +7,7 @@ use crate::residual::Structure;
 use crate::signal::LoopId;
 use std::borrow::Cow;
 use std::fmt;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, OnceLock, PoisonError};
 
 /// A run in a few numbers.
 #[derive(Clone, Debug, PartialEq)]
@@ -119,6 +119,8 @@ pub struct Remembered {
     pub diagnosed: Option<(Restored, Summary)>,
     /// Friction as it was found last while no term acted, of the valve of the latest diagnosis.
     pub before: Option<Before>,
+    /// Time of the last sample that was fitted by the last run that said whether the valve sticks (s).
+    pub fitted_until: Option<f64>,
     /// The model's version.
     pub model: ModelVersion,
 }
@@ -151,6 +153,15 @@ impl Results {
         }
     }
 
+    /// The model of each loop that has one.
+    pub fn models(&self) -> Vec<(LoopId, ModelVersion)> {
+        let entries = self.entries.read().unwrap_or_else(PoisonError::into_inner);
+        let all: Vec<_> = entries.iter().map(|(id, entry)| (id.clone(), entry.clone())).collect();
+        drop(entries);
+        let models = all.into_iter().map(|(id, entry)| (id, lock(&entry).model.clone()));
+        models.filter(|(_, model)| model.version > 0).collect()
+    }
+
     /// Runs that are remembered of each loop.
     pub fn room(&self) -> usize {
         self.keep
@@ -166,13 +177,18 @@ impl Results {
         }
         let begun = entry.summaries.front().map_or(f64::INFINITY, |first| first.time);
         let room = self.keep.saturating_sub(entry.summaries.len());
-        let before = kept.summaries.into_iter().rev().filter(|summary| summary.time < begun).take(room);
-        before.for_each(|summary| entry.summaries.push_front(summary));
+        // One of since the start is not of before, though its clock was behind then and set right later.
+        let is_known =
+            |own: &Summary| entry.summaries.iter().any(|known| known.time.to_bits() == own.time.to_bits());
+        let is_before = |own: &Summary| own.time < begun && !is_known(own);
+        let before: Vec<Summary> = kept.summaries.into_iter().rev().filter(is_before).take(room).collect();
+        before.into_iter().for_each(|summary| entry.summaries.push_front(summary));
         let source = kept.diagnosed.as_ref().and_then(|(restored, _)| restored.source);
         let is_own = entry.is_of(source);
         if entry.before.is_none() && is_own {
             entry.before = kept.before;
         }
+        entry.fitted_before = entry.fitted_before.or(kept.fitted_until.filter(|_| is_own));
         if entry.diagnosed.is_none() && entry.restored.is_none() {
             entry.restored = kept.diagnosed.map(|(restored, summary)| (Arc::new(restored), summary));
         }

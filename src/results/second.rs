@@ -4,6 +4,7 @@
 //! verdict with it.
 
 use crate::detectors::{Agreement, Facts, Method, Opinion, agreement, opinion};
+use crate::diagnosis::Verdict;
 use crate::signal::Window;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -14,14 +15,18 @@ pub(super) struct Second {
     pub agreement: Agreement,
 }
 
-/// Asks every method about a window; `integrates` where somebody knows it, `verdict_sticks` where the verdict that counts
-/// can tell.
+/// Asks every method about a window.
+///
+/// * `integrates`: whether the process integrates, where somebody knows it.
+/// * `found`: the verdict of the diagnosis of this window, which says whether the oscillation is undersampled.
+/// * `verdict_sticks`: whether the valve sticks, where the verdict that counts can tell.
 pub(super) fn second_opinions(
     window: &Window,
     integrates: Option<bool>,
+    found: &Verdict,
     verdict_sticks: Option<bool>,
 ) -> Second {
-    asked(window, integrates, verdict_sticks, opinion)
+    asked(window, integrates, found, verdict_sticks, opinion)
 }
 
 const FAILED: &str = "the method failed; the log says why";
@@ -29,11 +34,12 @@ const FAILED: &str = "the method failed; the log says why";
 fn asked(
     window: &Window,
     integrates: Option<bool>,
+    found: &Verdict,
     verdict_sticks: Option<bool>,
     of: impl Fn(Method, &Facts<'_>) -> Opinion,
 ) -> Second {
     let facts = catch_unwind(AssertUnwindSafe(|| Facts::new(window, integrates)));
-    let facts = facts.unwrap_or_else(|_| Err(FAILED.into()));
+    let facts = facts.unwrap_or_else(|_| Err(FAILED.into())).map(|facts| facts.with_verdict(found));
     let one = |method: Method| match &facts {
         Ok(facts) => catch_unwind(AssertUnwindSafe(|| of(method, facts)))
             .unwrap_or_else(|_| Opinion::cannot_tell(method, FAILED)),
@@ -49,6 +55,7 @@ fn asked(
 mod tests {
     use super::*;
     use crate::detectors::Says;
+    use crate::diagnosis::NotIdentifiable;
     use std::f64::consts::TAU;
 
     fn wave() -> Window {
@@ -59,8 +66,8 @@ mod tests {
 
     #[test]
     fn one_that_panics_takes_no_other_with_it() {
-        let whole = second_opinions(&wave(), Some(false), Some(true));
-        let torn = asked(&wave(), Some(false), Some(true), |method, facts| {
+        let whole = second_opinions(&wave(), Some(false), &Verdict::Stiction, Some(true));
+        let torn = asked(&wave(), Some(false), &Verdict::Stiction, Some(true), |method, facts| {
             assert_ne!(method, Method::He2007, "made for a test");
             opinion(method, facts)
         });
@@ -73,12 +80,26 @@ mod tests {
 
     #[test]
     fn a_sine_is_no_sticking_valve_and_agrees_with_a_verdict_that_says_so() {
-        let Second { opinions, agreement } = second_opinions(&wave(), Some(false), Some(false));
+        let Second { opinions, agreement } =
+            second_opinions(&wave(), Some(false), &Verdict::NoStiction, Some(false));
         let he = opinions.iter().find(|o| o.method == Method::He2007).expect("asked");
         assert_eq!(he.says, Says::Sound);
         assert!(agreement.agree > 0 && !agreement.doubtful, "{agreement:?}");
-        let nothing = second_opinions(&Window::default(), None, None);
+        let nothing = second_opinions(&Window::default(), None, &Verdict::NoStiction, None);
         assert!(nothing.opinions.iter().all(|o| o.says == Says::CannotTell));
         assert_eq!((nothing.agreement.could_tell, nothing.agreement.agree), (0, 0));
+    }
+
+    #[test]
+    fn of_an_undersampled_window_the_reason_of_the_diagnosis_comes_first() {
+        let why = NotIdentifiable::Undersampled { samples: 2.2, poll_s: Some(39.0), mean_s: None };
+        let said = why.to_string();
+        let found = Verdict::NotIdentifiable(why);
+        let Second { opinions, agreement } = second_opinions(&wave(), Some(false), &found, None);
+        assert_eq!((agreement.could_tell, agreement.doubtful), (0, false));
+        for own in &opinions {
+            let stem = own.method == Method::StemLoop;
+            assert_eq!(own.why == said, !stem, "{own:?}");
+        }
     }
 }

@@ -38,7 +38,7 @@ impl Results {
             let before = entry.source.or_else(|| entry.diagnosed_source());
             entry.source = Some(source);
             if before.is_some_and(|before| before != source) {
-                entry.before = None;
+                (entry.before, entry.fitted_before) = (None, None);
                 self.forget_evidence(&id, now);
                 tracing::info!(
                     control_loop = %id,

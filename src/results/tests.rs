@@ -1,6 +1,6 @@
 use super::*;
 use crate::alarm::{Action, AlarmId, Kind, Priority, Shelving, State};
-use crate::diagnosis::{Estimate, Model, NotIdentifiable, Settings, with_model_error};
+use crate::diagnosis::{Diagnosis, Estimate, Model, NotIdentifiable, Settings, with_model_error};
 use crate::signal::Record;
 use std::sync::Mutex;
 
@@ -338,6 +338,7 @@ fn what_is_kept_and_given_back_goes_on_as_if_nothing_had_been() {
         summaries: kept.iter().filter_map(|c| Some(c.run.as_ref()?.1.clone())).collect(),
         diagnosed: Some((restored, summary.clone())),
         before: summary.before(),
+        fitted_until: None,
         model: kept[0].model.clone().expect("new").1,
     };
     new.restore(&id(), remembered.clone());

@@ -4,6 +4,7 @@ use super::board::{News, ShortRun};
 use super::{Entry, Outcome, Run, Summary, lock};
 use super::{KnownEffect, ModelVersion, Restored, Results};
 use crate::residual::Structure;
+use crate::signal::LoopId;
 use std::sync::Arc;
 
 /// What somebody else's diagnosis says.
@@ -69,6 +70,11 @@ impl Entry {
 }
 
 impl Results {
+    /// Time of the last sample that was fitted by the last run of before the start that said whether the valve sticks (s).
+    pub fn fitted_before(&self, id: &LoopId) -> Option<f64> {
+        self.entry(id).and_then(|entry| lock(&entry).fitted_before)
+    }
+
     /// Takes a run that another machine has recorded, with the model after it, where that is new: alarms follow from what
     /// that machine says of them, not from this. False for one that is known already, or whose loop is not there. What is of
     /// later than `now` was stamped by a clock that was set back since, and is no later than this.

@@ -55,23 +55,41 @@ impl Reach {
     }
 }
 
+/// The last run of before the start that said whether the valve sticks.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Before {
+    /// How long ago it ended (s), which stands for how much older its newest sample was.
+    pub(super) ago_s: f64,
+    /// Time of the last sample that it fitted (s); `None` where that is not known.
+    pub(super) fitted: Option<f64>,
+}
+
+impl Before {
+    /// On which samples it was, as one on these goes after it.
+    fn reach(self, next: Reach) -> Reach {
+        // What is of later than the newest sample was stamped by a clock that was set back since.
+        let fitted = self.fitted.filter(|fitted| *fitted <= next.newest);
+        Reach { newest: next.newest - self.ago_s, fitted }
+    }
+}
+
 /// Up to where a loop's samples have been counted.
 #[derive(Debug, Default)]
 pub(super) struct Counted(Mutex<Option<Reach>>);
 
 impl Counted {
-    /// Whether a run on such samples counts, of a loop with this period (s). Then its samples have been counted. `before`: how long
-    /// ago a run of before the start last counted (s), since a restart makes nothing new.
+    /// Whether a run on such samples counts, of a loop with this period (s). Then its samples have been counted. `before`: the last
+    /// run of before the start, since a restart makes nothing new.
     pub(super) fn takes(
         &self,
         reach: Option<Reach>,
         period_s: f64,
-        before: impl FnOnce() -> Option<f64>,
+        before: impl FnOnce() -> Option<Before>,
     ) -> bool {
         // What has no samples is not told apart by them.
         let Some(reach) = reach else { return true };
         let mut counted = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let last = counted.or_else(|| before().map(|ago| Reach { newest: reach.newest - ago, fitted: None }));
+        let last = counted.or_else(|| before().map(|before| before.reach(reach)));
         let is_again = last.is_some_and(|last| reach.is_again(last, period_s));
         *counted = if is_again { last } else { Some(reach) };
         !is_again
@@ -115,12 +133,28 @@ mod tests {
 
     #[test]
     fn a_restart_makes_no_new_evidence_of_old_samples() {
-        let (counted, ago) = (Counted::default(), |s: f64| move || Some(s));
+        let ago = |ago_s: f64| move || Some(Before { ago_s, fitted: None });
+        let counted = Counted::default();
         assert!(!counted.takes(up_to(1000.0), 600.0, ago(60.0)));
         // What was counted before the start stays so, however often it is asked for since.
         assert!(!counted.takes(up_to(1100.0), 600.0, ago(1.0)));
         assert!(counted.takes(up_to(1240.0), 600.0, ago(1.0)), "300 s after the one of before the start");
         assert!(Counted::default().takes(up_to(1000.0), 600.0, ago(600.0)));
+    }
+
+    #[test]
+    fn a_restart_makes_no_new_evidence_of_a_stretch_that_was_fitted_before_it() {
+        let counted = Counted::default();
+        let takes = |newest: f64, fitted: f64| {
+            let before = || Some(Before { ago_s: 600.0, fitted: Some(400.0) });
+            counted.takes(Some(Reach { newest, fitted: Some(fitted) }), 600.0, before)
+        };
+        assert!(!takes(1600.0, 400.0) && !takes(2200.0, 399.0));
+        assert!(takes(2800.0, 401.0), "it has gone on");
+        // A clock that was set back while nothing ran.
+        let before = || Some(Before { ago_s: 600.0, fitted: Some(9000.0) });
+        let reach = Reach { newest: 1600.0, fitted: Some(1600.0) };
+        assert!(Counted::default().takes(Some(reach), 600.0, before));
     }
 
     #[test]

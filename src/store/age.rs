@@ -1,7 +1,7 @@
 //! The time by which age is measured. What goes because a clock is wrong does not come back when the clock is set right. So this
 //! time follows the clock only a few times as fast as time passes by a clock that nobody sets, over restarts too.
 
-use super::Config;
+use super::{Config, StoreError};
 use std::fs::{self, OpenOptions};
 use std::io;
 use std::os::unix::fs::FileExt;
@@ -40,6 +40,9 @@ impl Age {
         let path = config.folder.join(FILE);
         let pace = config.upkeep.pace;
         let at = pace.and_then(|_| read(&path));
+        if let Some(fault) = pace.and_then(|_| fault(&config.folder)) {
+            tracing::warn!("{fault}; age is measured from the clock on");
+        }
         let noted = at.unwrap_or(f64::NEG_INFINITY);
         Self { path, pace, at, looked: Instant::now(), noted, behind: false, in_doubt_s: 0 }
     }
@@ -102,8 +105,31 @@ fn skipped(before: f64, clock: f64, due: f64) -> f64 {
     before.max(clock.min(due - LEFT_S))
 }
 
+/// What is damaged of the time that a store in a folder has noted, in words. Nothing where it was never noted, nor where a power
+/// failure has left the file without its bytes.
+pub(super) fn fault(folder: &Path) -> Option<String> {
+    let bytes = fs::read(folder.join(FILE)).unwrap_or_default();
+    let is_damaged = bytes.iter().any(|byte| *byte != 0) && of_bytes(&bytes).is_none();
+    is_damaged.then(|| format!("{FILE}, the time by which age is measured, is damaged"))
+}
+
+/// Removes what a store in a folder has noted, where that is damaged.
+///
+/// # Errors
+/// [`StoreError::Io`].
+pub(super) fn drop_damaged(folder: &Path) -> Result<(), StoreError> {
+    let path = folder.join(FILE);
+    match fault(folder) {
+        Some(_) => fs::remove_file(&path).map_err(StoreError::io(&path)),
+        None => Ok(()),
+    }
+}
+
 fn read(path: &Path) -> Option<f64> {
-    let bytes = fs::read(path).ok()?;
+    of_bytes(&fs::read(path).ok()?)
+}
+
+fn of_bytes(bytes: &[u8]) -> Option<f64> {
     let (number, sum) = bytes.split_first_chunk::<8>()?;
     let is_whole = *sum == crc32fast::hash(number).to_le_bytes()[..];
     Some(f64::from_le_bytes(*number)).filter(|at| is_whole && at.is_finite())
@@ -251,7 +277,13 @@ mod tests {
             assert_eq!(age.now(NOW - DAY_S), NOW - DAY_S, "never ahead of the clock");
         }
         assert_eq!(age.in_doubt_s(), 0, "the clock was right");
-        for wrong in [&b""[..], &[0u8; 12][..], &b"1767225600.0"[..]] {
+        assert_eq!(fault(&folder.0), None);
+        for (wrong, is_damaged) in [(&b""[..], false), (&[0u8; 12][..], false), (&b"1767225600.0"[..], true)]
+        {
+            fs::write(folder.0.join(FILE), wrong).expect("written");
+            assert_eq!(fault(&folder.0).is_some(), is_damaged, "{wrong:?}");
+            drop_damaged(&folder.0).expect("removed");
+            assert_eq!(folder.0.join(FILE).exists(), !is_damaged, "{wrong:?}");
             fs::write(folder.0.join(FILE), wrong).expect("written");
             assert_eq!(Age::of(&config).now(NOW + 730.0 * DAY_S), NOW + 730.0 * DAY_S);
             let noted = read(&folder.0.join(FILE));

@@ -19,6 +19,8 @@ const BATCH: usize = 100_000;
 const ROWS: usize = 500;
 /// A stamp before this (s, March 1973) is no date of a plant. Times of day, and those since something began, are read as such.
 const DATED_FROM: f64 = 1e8;
+/// No stamp is later (s, the year 5138). A time that is asked for may be, and would not fit into whole seconds.
+const LATEST: f64 = 1e11;
 
 /// Why a file is no archive, or cannot be made one.
 #[derive(Debug, thiserror::Error)]
@@ -268,7 +270,7 @@ fn samples(reader: &mut Reader, choice: &Choice, sink: &mut dyn Sink) -> Result<
 fn trends(reader: &mut Reader, choice: &Choice, sink: &mut dyn Sink) -> Result<u64, ArchiveError> {
     let mut rows = 0;
     for (tag, name) in chosen(reader, choice)? {
-        let (from, to) = (choice.from.unwrap_or(0.0), choice.to.unwrap_or(1e11));
+        let (from, to) = (choice.from.unwrap_or(0.0), choice.to.unwrap_or(LATEST).min(LATEST));
         for point in reader.trends(tag.id, from as i64, to as i64 + 1)? {
             if choice.has_time(point.t) {
                 let [a, b, c, d, e] = name.clone();

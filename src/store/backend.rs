@@ -50,6 +50,17 @@ impl Store {
         }))
     }
 
+    /// As the daemon opens it, which goes on to collect: a folder that waited for a database elsewhere is a store of its own from then
+    /// on. Tools leave it what it is.
+    pub(super) fn taken_over(config: &Config, is_read: bool) -> Result<Self, StoreError> {
+        if config.url.is_some() {
+            return Self::opened(config, is_read);
+        }
+        let mut own = embedded::Store::open(config)?;
+        own.forget_base()?;
+        Ok(Self(Box::new(own)))
+    }
+
     /// Makes a batch durable: when this returns it is on disk, whole.
     ///
     /// # Errors
@@ -298,7 +309,8 @@ impl Reader {
         self.main.diagnoses(after, limit)
     }
 
-    /// The last runs of a loop, oldest first; the latest that has a report with it, the others without.
+    /// The last runs of a loop, oldest first; whole are the latest that has a report, and the latest that says whether the valve
+    /// sticks, the others are without report and without what they worked on.
     pub fn last_diagnoses(&self, control_loop: &str, count: usize) -> Result<Vec<DiagnosisRow>, StoreError> {
         self.main.last_diagnoses(control_loop, count)
     }

@@ -1,6 +1,7 @@
-//! Whether a store is whole: what its database says of itself, every report, and the chain of each alarm's history.
+//! Whether a store is whole: what its database says of itself, every report, the chain of each alarm's history, and the files
+//! beside the database.
 
-use super::{Config, Reader, StoreError, embedded, rows};
+use super::{Config, Reader, StoreError, age, embedded, rows};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
@@ -28,6 +29,8 @@ pub struct Checked {
     pub transitions: u64,
     /// Everything wrong, a line each; empty when the store is whole.
     pub faults: Vec<String>,
+    /// How many of the faults are of files beside the database that [`renew`] makes anew.
+    pub renewable: usize,
     /// Of one that is damaged: what a repair would keep, and what it would give up.
     pub left: Option<String>,
 }
@@ -47,6 +50,7 @@ pub struct Repaired {
 /// [`StoreError`]; then it stays as it is.
 pub fn repair(config: &Config) -> Result<Repaired, StoreError> {
     let (loss, aside) = embedded::repair(config)?;
+    age::drop_damaged(&config.folder)?;
     Ok(Repaired { left: loss.to_string(), aside })
 }
 
@@ -57,6 +61,19 @@ pub fn repair(config: &Config) -> Result<Repaired, StoreError> {
 /// [`StoreError`]; then it is still to be ended.
 pub fn finish_repair(config: &Config) -> Result<Option<PathBuf>, StoreError> {
     embedded::finish_repair(config)
+}
+
+/// Makes the damaged files beside the database of a store in a folder anew: the second copy of the states from the database, and
+/// the time by which age is measured from the clock. The store must not be in use, and its database must be whole.
+///
+/// # Errors
+/// [`StoreError`].
+pub fn renew(config: &Config) -> Result<(), StoreError> {
+    // Whoever opens it writes the second copy.
+    let held = embedded::Store::open(config)?;
+    age::drop_damaged(&config.folder)?;
+    drop(held);
+    Ok(())
 }
 
 /// Reads the whole store in a folder, in bounded memory.
@@ -78,10 +95,29 @@ pub fn check_of(config: &Config) -> Result<Checked, StoreError> {
         found.left = Some(loss.to_string());
         found.faults.push(loss.damage.clone());
     }
+    beside(config, reader.loss().is_none(), &mut found)?;
     reader.examine(&mut found)?;
     diagnoses(&reader, &mut found)?;
     transitions(&reader, &mut found)?;
     Ok(found)
+}
+
+/// The files beside the database of a store in a folder, and what becomes of those that are damaged.
+fn beside(config: &Config, database_is_whole: bool, found: &mut Checked) -> Result<(), StoreError> {
+    if config.url.is_some() {
+        return Ok(());
+    }
+    let embedded::Beside { copy, age } = embedded::beside(&config.folder)?;
+    let anew = "; no state is lost: the next start, or `--repair`, writes it anew from the database";
+    let of_copy = if database_is_whole { anew } else { "" };
+    let told = [
+        copy.map(|fault| fault + of_copy),
+        age.map(|fault| fault + "; the next start, or `--repair`, begins it anew at the clock"),
+    ];
+    let before = found.faults.len();
+    found.faults.extend(told.into_iter().flatten());
+    found.renewable = found.faults.len() - before;
+    Ok(())
 }
 
 fn diagnoses(reader: &Reader, found: &mut Checked) -> Result<(), StoreError> {

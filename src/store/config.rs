@@ -40,10 +40,10 @@ pub struct Config {
     /// Time that one point of a trend stands for (s).
     #[serde(default = "default_trend_s")]
     pub trend_s: u32,
-    /// Diagnoses and models are kept for this long (days); the latest of a loop always.
+    /// Diagnoses and models are kept for this long (days); the latest of a loop and the last of all always.
     #[serde(default = "default_diagnoses_days")]
     pub diagnoses_days: f64,
-    /// What happened to alarms is kept for this long (days); their state always.
+    /// What happened to alarms is kept for this long (days); their state and the last change always.
     #[serde(default = "default_alarms_days")]
     pub alarms_days: f64,
     /// How often what is new is made durable (ms): a power failure costs at most this much.
@@ -52,7 +52,8 @@ pub struct Config {
     /// Samples of one tag that lie together on disk (s).
     #[serde(default = "default_chunk_s")]
     pub chunk_s: u32,
-    /// Most memory for diagnoses and alarms that wait while the store fails (MB).
+    /// Most memory for diagnoses, and for what happened to alarms, that wait while the store fails (MB). The latest states of alarms,
+    /// models, orders and indicators wait beside that: they are never dropped, and bounded by the number of loops.
     #[serde(default = "default_queue_mb")]
     pub queue_mb: u64,
     /// How it looks after its files. It is no key: tests have small stores behave as large ones.

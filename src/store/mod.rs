@@ -37,7 +37,7 @@ mod walk;
 mod writer;
 
 pub use backend::{Beat, Found, Opener, Point, Reader, Spool, Store, StoredTag, Usage, Writes};
-pub use check::{Checked, Repaired, check, check_of, finish_repair, repair};
+pub use check::{Checked, Repaired, check, check_of, finish_repair, renew, repair};
 pub use config::{Config, Upkeep};
 pub use rows::{AlarmRow, Batch, DiagnosisRow, ModelRow, Row, Series, TagName, TransitionRow, pack, unpack};
 pub use walk::first_start;
@@ -69,9 +69,30 @@ pub enum StoreError {
     /// The database is another program's.
     #[error("{0}: not a store of stictiond")]
     Foreign(PathBuf),
+    /// The folder for what waits for PostgreSQL is a store of its own, of which a part would be deleted instead of delivered.
+    #[error(
+        "{folder}: this folder is a store of its own, with {what}: PostgreSQL would not get all of it; {remedy}, see \
+         docs/store.md"
+    )]
+    OwnStore {
+        /// Which.
+        folder: PathBuf,
+        /// What would be deleted.
+        what: String,
+        /// What can be done.
+        remedy: &'static str,
+    },
     /// The database was made by a later version.
     #[error("the store has version {0}, made by a later stictiond than this, which reads up to {max}", max = embedded::VERSION)]
     TooNew(i64),
+    /// The database that is open was moved or deleted, or another was put in its place.
+    #[error("{path}: the database that was written to is no longer there")]
+    Gone {
+        /// Where it was.
+        path: PathBuf,
+        /// What its ledger said last, as a checksum: by that it is known when it is back.
+        ledger: u32,
+    },
     /// More tags than keys have room for.
     #[error("the store has as many tags as fit")]
     TooManyTags,

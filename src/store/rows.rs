@@ -113,6 +113,21 @@ pub struct DiagnosisRow {
     pub basis: Option<Vec<u8>>,
 }
 
+impl DiagnosisRow {
+    /// Whether it says that the valve sticks, or that it does not.
+    pub fn is_verdict(&self) -> bool {
+        matches!(self.outcome.as_str(), "stiction" | "no_stiction")
+    }
+}
+
+/// Puts a whole run in the place of its summary among the last of a loop; before them where it has none.
+pub(super) fn put_whole(last: &mut Vec<DiagnosisRow>, own: DiagnosisRow) {
+    match last.iter_mut().find(|row| row.finished == own.finished) {
+        Some(row) => *row = own,
+        None => last.insert(0, own),
+    }
+}
+
 /// A version of a loop's model.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ModelRow {

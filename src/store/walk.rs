@@ -6,7 +6,7 @@ use super::{MAX_CHUNK, Reader, StoreError, codec};
 use crate::signal::Sample;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
-/// Chunks that are looked through for what was in force at a time: a month of chunks of a minute.
+/// Chunks that are looked through for what was in force at a time, or for the last of some tags: a month of chunks of a minute.
 const MOST_BACK: usize = 50_000;
 
 /// Tags, each with samples of it.
@@ -144,6 +144,23 @@ impl Reader {
         found.values_mut().for_each(codec::unique);
         let own = |tag: &StoredTag| (tag.clone(), found.remove(&tag.id).unwrap_or_default());
         Ok(Some(tags.iter().map(own).collect()))
+    }
+
+    /// Start of the last chunk before a time (s) that has a sample of one of some tags; `None` where none of those that are looked
+    /// through has one.
+    pub fn last_start(&mut self, tags: &[StoredTag], mut before: i64) -> Result<Option<i64>, StoreError> {
+        let ids = numbers(tags);
+        if ids.is_empty() {
+            return Ok(None);
+        }
+        for _ in 0..MOST_BACK {
+            let Some(start) = self.previous_start(before)? else { break };
+            if !self.chunk(start, Some(&ids))?.is_empty() {
+                return Ok(Some(start));
+            }
+            before = start;
+        }
+        Ok(None)
     }
 
     /// As [`Reader::apart`], and before its samples those that say what was in force at the first stamp, of each tag but those

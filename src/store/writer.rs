@@ -1,9 +1,12 @@
 //! The one thread that writes. It asks for what is new at a steady pace, makes it durable, tidies up, and when the store
 //! fails tries again, from a fresh opening, until it works: nobody else ever waits for the disk.
 
+mod anew;
+mod flusher;
 mod running;
 
 use super::{Batch, Beat, Config, Found, Opener, Reader, Spool, Store, StoreError, Usage, heed};
+use anew::Anew;
 use running::Running;
 use std::collections::VecDeque;
 use std::io;
@@ -31,6 +34,8 @@ pub trait Feed: Send + 'static {
     fn set_back(&mut self) -> bool;
     /// The database has what was not known here: what is taken from now on has it in it.
     fn merge(&mut self, found: Found);
+    /// The store was made anew, or is another than was written to: how everything is that it does not know is taken from now on.
+    fn say_again(&mut self) {}
     /// Whether what is there was read at the start, though the store could not be opened then: merged once more it would undo
     /// what has happened since.
     fn has_read(&self) -> bool {
@@ -120,7 +125,7 @@ pub struct Driven {
 
 impl Default for Driven {
     fn default() -> Self {
-        Self { open: Arc::new(Store::opened), by_hand: false }
+        Self { open: Arc::new(Store::taken_over), by_hand: false }
     }
 }
 
@@ -179,6 +184,7 @@ impl Writer {
             looked: None,
             counted: [0; 3],
             unread: false,
+            anew: Anew::default(),
             era: 0,
         };
         round.unread = opened.is_err() && !round.feed.has_read();
@@ -253,31 +259,6 @@ impl Writer {
     }
 }
 
-impl Flusher {
-    /// Waits until everything that was there when this was called is durable; false when that failed, or took longer
-    /// than `patience`.
-    pub fn flush(&self, patience: Duration) -> bool {
-        let mut inner = self.shared.lock();
-        inner.asked += 1;
-        let round = inner.asked;
-        self.shared.changed.notify_all();
-        drop(inner);
-        self.round_by_hand();
-        let inner = self.shared.lock();
-        let waiting = |inner: &mut Inner| inner.done < round && !inner.stop;
-        let waited = self.shared.changed.wait_timeout_while(inner, patience, waiting);
-        let (inner, timed_out) = waited.unwrap_or_else(PoisonError::into_inner);
-        // Where the end came first, what is known is of an earlier round.
-        !timed_out.timed_out() && inner.done >= round && inner.good
-    }
-
-    fn round_by_hand(&self) {
-        if let Some(rounds) = &self.by_hand {
-            rounds.lock().unwrap_or_else(PoisonError::into_inner).round();
-        }
-    }
-}
-
 impl Drop for Writer {
     fn drop(&mut self) {
         self.end();
@@ -298,6 +279,7 @@ struct Round<F, N> {
     counted: [u64; 3],
     /// Nobody could read at the start what is there.
     unread: bool,
+    anew: Anew,
     /// The era that was begun: a store that is opened anew knows it only once something of it is there.
     era: i64,
 }
@@ -388,13 +370,22 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
 
     /// Nothing is written before what is there has been read: it would be replaced by what was made without it.
     fn reopen(&mut self) -> Result<(), StoreError> {
+        self.anew.look(&self.config);
         let store = (self.open)(&self.config, false)?;
+        let has_written = self.shared.lock().status.written_at.is_some();
         if self.unread {
             let found = Reader::at_hand(&self.config)?.states()?;
             self.feed.merge(found);
             self.feed.gather();
             self.unread = false;
+        } else if self.anew.is_other(&self.config, has_written) {
+            tracing::warn!(
+                "the store is not the one that was written to: how alarms, models and work orders are is written into it; what \
+                 else was in that one is not"
+            );
+            self.feed.say_again();
         }
+        self.anew = Anew::default();
         self.take_on(store);
         Ok(())
     }
@@ -476,6 +467,7 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
         self.counted = self.counts();
         // First: of one that is damaged nothing is carried over when it is closed.
         heed(&self.config, error);
+        self.anew.failed(error);
         self.store = None;
         let text = error.to_string();
         let mut inner = self.shared.lock();

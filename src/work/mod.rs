@@ -94,6 +94,15 @@ impl WorkList {
         self.bound();
     }
 
+    /// The clock was set by so much (s): what it stamped between two times (s) is as long ago as before, so that nothing is old
+    /// enough to be forgotten by that.
+    ///
+    /// Returns the orders that are to be kept.
+    pub fn clock_was_set(&mut self, between: [f64; 2], by: f64) -> Vec<Order> {
+        let own = self.orders.values_mut();
+        own.filter_map(|order| order.clock_was_set(between, by).then(|| order.clone())).collect()
+    }
+
     /// Forgets loops that are no longer watched.
     pub fn keep_only(&mut self, loops: &BTreeSet<LoopId>) {
         self.orders.retain(|id, _| loops.contains(id));

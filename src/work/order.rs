@@ -290,6 +290,19 @@ impl Order {
         self.moved(now, config)
     }
 
+    /// The clock was set by so much (s): what it stamped between two times (s) is as long ago as before. Whether anything was.
+    pub fn clock_was_set(&mut self, [from, until]: [f64; 2], by: f64) -> bool {
+        let looks = self.looks.iter_mut().flat_map(|look| [&mut look.at, &mut look.from]);
+        let repaired = self.before.iter_mut().map(|(_, at)| at);
+        let own = [&mut self.first, &mut self.since, &mut self.suspected];
+        let mut any = false;
+        for t in own.into_iter().chain(looks).chain(repaired).filter(|t| (from..=until).contains(&**t)) {
+            *t += by;
+            any = true;
+        }
+        any
+    }
+
     fn moved(&mut self, now: f64, config: &Config) -> Option<Move> {
         let share = self.share(now, config);
         let to = match (self.state, share?) {

@@ -271,3 +271,25 @@ fn a_clock_that_was_ahead_holds_no_order_up() {
     list.act(&id, Act::Repaired, None, None, 900_000.0 * HOUR).expect("there is one").expect("open");
     assert_eq!(look(&mut list, 40..60, false, 0.5), [(State::Repaired, State::Verified)]);
 }
+
+/// A machine without a clock of its own began in 1970, was set right after five hours, and then has too little to look at.
+#[test]
+fn a_clock_that_was_behind_makes_no_order_old() {
+    let (mut list, id) = (WorkList::default(), LoopId::new("FIC1"));
+    look(&mut list, 500_000..500_030, true, 2.0);
+    list.act(&id, Act::Dismiss, None, None, 500_030.0 * HOUR).expect("there is one").expect("open");
+    look(&mut list, 0..5, true, 2.0);
+    let (by, now) = (500_035.0 * HOUR, 500_041.0 * HOUR);
+    let mut without = list.clone();
+    without.take(&[], now, &config());
+    assert_eq!(without.orders().count(), 0, "it would be forgotten, and begin anew");
+    let kept = list.clock_was_set([0.0, 5.0 * HOUR], by);
+    list.take(&[], now, &config());
+    let order = list.get(&id).expect("it is not old");
+    let stamps = (order.first, order.since, order.suspected, order.looks.len());
+    assert_eq!(stamps, (by, by, by + 4.0 * HOUR, 5));
+    assert!(order.state == State::Dismissed && order.looks.iter().all(|look| look.at >= by));
+    assert_eq!(kept.iter().map(|own| own.since).collect::<Vec<_>>(), [by]);
+    // What was stamped before the start is not the clock's doing.
+    assert_eq!(list.clock_was_set([0.0, 5.0 * HOUR], by), []);
+}

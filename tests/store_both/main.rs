@@ -31,8 +31,10 @@ both! {
     the_last_samples_of_each_tag_come_back_as_a_ring_held_them
     a_clock_that_is_set_back_begins_another_era
     diagnoses_models_and_alarms_come_back
+    the_last_run_and_the_last_that_said_something_come_whole
     a_gap_in_an_alarms_history_is_found
     what_is_old_is_thinned_to_trends_and_then_goes
+    the_last_that_was_said_keeps_its_number_however_old_its_stamp_is
     a_clock_that_is_set_forward_takes_no_history_with_it
     what_is_exported_and_imported_is_the_same
     another_version_and_another_writer_are_refused

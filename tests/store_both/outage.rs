@@ -4,6 +4,7 @@ use crate::place::{Place, all, batch, good, tag, whole};
 use crate::postgres::Cluster;
 use crate::suite::{diagnosis, transition};
 use rand::{RngExt, SeedableRng};
+use std::collections::BTreeSet;
 use std::io::{BufRead, BufReader, Write};
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
@@ -103,6 +104,47 @@ fn ten_minutes_without_the_database_lose_nothing_and_nothing_is_twice() {
     let mut store = Store::open(&place.config()).expect("opens");
     delivered(&mut store, 1800.0);
     all_there(&place, 800);
+}
+
+#[test]
+fn a_database_that_lets_in_and_refuses_what_it_is_given_is_asked_less_and_less_often() {
+    let mut place = Place::postgres();
+    let mut store = Store::open(&place.config()).expect("opens");
+    let mut client = place.cluster().client().expect("answers");
+    client
+        .batch_execute(
+            "CREATE FUNCTION refuse() RETURNS trigger LANGUAGE plpgsql AS
+                $$ BEGIN RAISE EXCEPTION 'no room at %', clock_timestamp(); END $$;
+             CREATE TRIGGER refuse BEFORE INSERT ON stictiond.diagnoses FOR EACH ROW EXECUTE FUNCTION refuse()",
+        )
+        .expect("a superuser may");
+    let begun = Instant::now();
+    let rows = vec![diagnosis("A", 1.0, Some("{}"))];
+    store.write(&Batch { series: Vec::new(), rows }).expect("writes, wherever to");
+    let mut refusals = BTreeSet::new();
+    while refusals.len() < 5 {
+        store.tidy(1000.0).expect("the spool works");
+        refusals.extend(store.spool().expect("there is one").away);
+        assert!(begun.elapsed() < PATIENCE, "{refusals:?}");
+    }
+    // After 0.25 s, 0.5 s, 1 s and 2 s.
+    assert!(begun.elapsed() >= Duration::from_millis(3750), "{:?}", begun.elapsed());
+    client.batch_execute("DROP TRIGGER refuse ON stictiond.diagnoses").expect("a superuser may");
+    delivered(&mut store, 1000.0);
+    assert_eq!(whole(&place).diagnoses, 1);
+}
+
+#[test]
+fn a_connection_takes_no_numbers_for_tags_that_are_there() {
+    let mut place = Place::postgres();
+    for k in 0..3 {
+        let mut store = Store::open(&place.config()).expect("opens");
+        store.write(&second(&tags(), k)).expect("writes, wherever to");
+        delivered(&mut store, 1000.0);
+    }
+    let mut client = place.cluster().client().expect("answers");
+    let last = "SELECT last_value FROM pg_sequences WHERE sequencename = 'tags_id_seq'";
+    assert_eq!(client.query_one(last, &[]).expect("reads").get::<_, i64>(0), 20);
 }
 
 /// Tells the child, which is this same program, where its spool is and where the database.

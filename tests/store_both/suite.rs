@@ -210,6 +210,27 @@ pub fn diagnoses_models_and_alarms_come_back(place: &mut Place) {
     assert_eq!((checked.diagnoses, checked.transitions), (3, 1));
 }
 
+/// A start takes both from the one answer, of thousands of loops.
+pub fn the_last_run_and_the_last_that_said_something_come_whole(place: &mut Place) {
+    let mut store = Store::open(&place.config()).expect("opens");
+    let run = |at: f64, outcome: &str| match diagnosis("A", at, Some("{\"report\":1}")) {
+        Row::Diagnosis(run) => {
+            Row::Diagnosis(DiagnosisRow { outcome: outcome.into(), basis: pack("{\"basis\":1}"), ..run })
+        }
+        other => other,
+    };
+    let outcomes = ["stiction", "no_stiction", "not_identifiable", "not_identifiable"];
+    let rows = outcomes.iter().zip([1.0, 2.0, 3.0, 4.0]).map(|(outcome, at)| run(at, outcome)).collect();
+    store.write(&Batch { series: Vec::new(), rows }).expect("writes");
+    let reader = place.reader();
+    let whole = |count| -> Vec<(f64, bool)> {
+        let last = reader.last_diagnoses("A", count).expect("reads");
+        last.iter().map(|row| (row.finished, row.report.is_some() && row.basis.is_some())).collect()
+    };
+    assert_eq!(whole(9), [(1.0, false), (2.0, true), (3.0, false), (4.0, true)]);
+    assert_eq!(whole(2), [(3.0, false), (4.0, true)]);
+}
+
 pub fn a_gap_in_an_alarms_history_is_found(place: &mut Place) {
     let mut store = Store::open(&place.config()).expect("opens");
     let rows = vec![transition(1.0, "normal", "unacknowledged"), transition(2.0, "acknowledged", "normal")];
@@ -250,6 +271,34 @@ pub fn what_is_old_is_thinned_to_trends_and_then_goes(place: &mut Place) {
     while store.tidy(begin + 80.0 * DAY_S).expect("tidies") {}
     let checked = whole(place);
     assert_eq!((checked.samples, checked.points, checked.diagnoses), (0, 0, 1));
+}
+
+/// An edge of a fleet goes on behind the number of the last that it forwarded.
+pub fn the_last_that_was_said_keeps_its_number_however_old_its_stamp_is(place: &mut Place) {
+    let now = 20_000.0 * DAY_S;
+    let upkeep = Upkeep { pace: None, ..Upkeep::default() };
+    let mut store = Store::open(&Config { upkeep, ..place.config() }).expect("opens");
+    let say = |store: &mut Store, at: f64| {
+        let rows = vec![diagnosis("A", at, None), transition(at, "normal", "unacknowledged")];
+        store.write(&Batch { series: Vec::new(), rows }).expect("writes");
+    };
+    let numbers = || -> [Vec<i64>; 2] {
+        let reader = place.reader();
+        let runs = reader.diagnoses(0, 9).expect("reads").into_iter().map(|(number, _)| number);
+        let changes = reader.transitions(0, 9).expect("reads").into_iter().map(|(number, _)| number);
+        [runs.collect(), changes.collect()]
+    };
+    say(&mut store, now - 60.0);
+    // The clock of the machine said 1970 after a start.
+    say(&mut store, 100.0);
+    let before = numbers();
+    while store.tidy(now).expect("tidies") {}
+    assert_eq!(numbers(), before);
+    say(&mut store, now);
+    while store.tidy(now + 120.0).expect("tidies") {}
+    for (own, before) in numbers().into_iter().zip(before) {
+        assert!(own.len() == 2 && own[0] == before[0] && own[1] > before[1], "{own:?} after {before:?}");
+    }
 }
 
 pub fn a_clock_that_is_set_forward_takes_no_history_with_it(place: &mut Place) {

@@ -101,6 +101,44 @@ fn a_start_without_the_database_has_the_last_state_that_it_had() {
     whole(&place);
 }
 
+/// As where the database was lost and begun anew, or given back from an older copy.
+#[test]
+fn states_that_the_database_has_no_more_are_delivered_once_more() {
+    let mut place = Place::postgres();
+    let mut store = Store::open(&place.config()).expect("opens");
+    before(&mut store);
+    drop(store);
+    let schema = place.config().schema;
+    let mut client = place.cluster().client().expect("answers");
+    client.batch_execute(&format!("DROP SCHEMA \"{schema}\" CASCADE")).expect("it was made");
+    let mut store = Store::open(&place.config()).expect("begins anew");
+    assert!(!store.spool().expect("there is one").waits, "it is all in the database");
+    assert_eq!(place.reader().alarms().expect("reads"), [alarm(true, Some(9e9))]);
+    assert_eq!(place.reader().model("A").expect("reads"), Some(model(3, "drift\t\n")));
+
+    // An older copy of it, with an alarm that was changed since, and one that was changed elsewhere.
+    let of = |kind: &str, since| {
+        let (kind, since) = (kind.to_string(), Some(since));
+        AlarmRow { kind, since, ..alarm(true, None) }
+    };
+    let put =
+        vec![Row::Alarm(of("f_rising", 50.0)), Row::Alarm(of("tag_bad", 50.0)), Row::Model(model(4, ""))];
+    store.write(&said(put)).expect("writes");
+    drop(store);
+    let back = format!(
+        "UPDATE {schema}.alarms SET since = 40, acknowledged = false WHERE kind = 'f_rising';
+         UPDATE {schema}.alarms SET since = 60 WHERE kind = 'tag_bad';
+         DELETE FROM {schema}.models WHERE version = 4"
+    );
+    client.batch_execute(&back).expect("writes");
+    drop(Store::open(&place.config()).expect("opens"));
+    let reader = place.reader();
+    let found = |kind| reader.alarm("A", kind).expect("reads");
+    assert_eq!(found("f_rising"), Some(of("f_rising", 50.0)));
+    assert_eq!(found("tag_bad"), Some(of("tag_bad", 60.0)));
+    assert_eq!(reader.model("A").expect("reads"), Some(model(4, "")));
+}
+
 #[test]
 fn what_a_fresh_disk_does_not_know_is_merged_before_anything_newer_is_written() {
     let mut place = Place::postgres();

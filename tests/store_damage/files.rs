@@ -15,12 +15,17 @@ pub fn overwrite(folder: &Path, table: &str) {
     file.write_all_at(&[0x5a; 8192], (page as u64 - 1) * 8192).expect("writable");
 }
 
-/// Records of a second copy that is whole: each begins with the length of its text, and its head has 16 bytes.
+/// Records of a second copy that is whole.
 pub fn records(bytes: &[u8]) -> u64 {
-    let (mut at, mut count) = (0, 0);
+    ends(bytes).len() as u64
+}
+
+/// Where each of its records ends: it begins with the length of its text, and its head has 16 bytes.
+pub fn ends(bytes: &[u8]) -> Vec<usize> {
+    let (mut at, mut ends) = (0, Vec::new());
     while let Some(length) = bytes.get(at..at + 4) {
         at += 16 + u32::from_le_bytes(length.try_into().expect("four")) as usize;
-        count += 1;
+        ends.push(at);
     }
-    count
+    ends
 }

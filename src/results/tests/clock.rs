@@ -42,6 +42,24 @@ fn a_clock_that_is_set_back_shelves_nothing_for_longer_than_anybody_may() {
     assert_eq!(until(), None);
 }
 
+/// A reload gives back what the store has; without a clock of its own a machine begins in 1970.
+#[test]
+fn a_run_of_a_clock_that_was_behind_is_not_given_back_beside_itself() {
+    let results = results(9);
+    let run = |time| sticky(time).summary();
+    let kept = |times: &[f64]| Remembered {
+        summaries: times.iter().copied().map(run).collect(),
+        ..Remembered::default()
+    };
+    results.restore(&id(), kept(&[900.0]));
+    [100.0, 1000.0].into_iter().for_each(|time| drop(results.record(sticky(time))));
+    let times =
+        || -> Vec<f64> { results.summaries(&id()).expect("A is there").iter().map(|own| own.time).collect() };
+    assert_eq!(times(), [900.0, 100.0, 1000.0]);
+    results.restore(&id(), kept(&[100.0, 900.0, 1000.0]));
+    assert_eq!(times(), [900.0, 100.0, 1000.0]);
+}
+
 #[test]
 fn a_shelving_that_is_prolonged_is_told_as_such() {
     let results = results(3);

@@ -142,3 +142,17 @@ async fn a_restart_gives_no_record_another_vote() {
         assert_eq!(asking.is_raised(), raised, "{t}");
     }
 }
+
+#[tokio::test(start_paused = true)]
+async fn a_restart_gives_no_stretch_another_vote_though_new_samples_came() {
+    let (asking, source) = decided();
+    let kept =
+        Remembered { summaries: vec![told(-1e6).summary], fitted_until: Some(5e5), ..Remembered::default() };
+    asking.results.restore(&asking.id, kept);
+    // Two of three raise.
+    for (t, end, raised) in [(1e6, 5e5, false), (2e6, 5e5, false), (3e6, 6e5, false), (4e6, 7e5, true)] {
+        *source.lock().expect("no panic") = (t, true, Some(end));
+        asking.run().await;
+        assert_eq!(asking.is_raised(), raised, "{t}");
+    }
+}

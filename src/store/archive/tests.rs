@@ -145,6 +145,8 @@ fn loops_and_times_are_chosen_and_every_kind_has_its_table() {
     };
     assert_eq!(exported(Kind::Samples, Format::Csv, &choice).0, 2 * 100);
     assert_eq!(exported(Kind::Trends, Format::Csv, &choice).0, 0);
+    let endless = Choice { to: Some(1e300), ..Choice::default() };
+    assert_eq!(exported(Kind::Trends, Format::Parquet, &endless).0, 0, "a time that no whole number holds");
     let all = Choice::default();
     let (rows, text) = exported(Kind::Diagnoses, Format::Csv, &all);
     let text = String::from_utf8(text).expect("text");

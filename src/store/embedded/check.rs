@@ -1,14 +1,46 @@
-//! Whether the database is whole: its own check, and every blob.
+//! Whether the database is whole: its own check, and every blob; and the files beside it that are made of it.
 
 use super::read::{Reader, decode_points};
-use super::{schema, start_and_tag};
+use super::{repair, schema, second, start_and_tag, write};
 use crate::store::backend::Reads;
-use crate::store::{Checked, StoreError, codec};
+use crate::store::{Checked, StoreError, age, codec};
+use std::path::Path;
+use std::time::Duration;
 
 /// Rows read in one go.
 const ROWS: i64 = 1000;
 /// Faults of the database that are named.
 const FAULTS: usize = 20;
+/// Times that a fault beside a writer is looked at again, for the files are not read in one moment.
+const LOOKS: usize = 10;
+
+/// What lies beside a database and can be made anew, as far as it is damaged.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(in crate::store) struct Beside {
+    /// What the second copy of the states lacks.
+    pub copy: Option<String>,
+    /// The time by which age is measured.
+    pub age: Option<String>,
+}
+
+/// Looks at what lies beside the database; a writer may be at work meanwhile.
+///
+/// # Errors
+/// [`StoreError::Io`] where a file that is there cannot be opened.
+pub(in crate::store) fn beside(folder: &Path) -> Result<Beside, StoreError> {
+    // A repair that was interrupted has the copy of the damaged database there, or none.
+    let copy = || if repair::unfinished(folder).is_some() { Ok(None) } else { second::lacking(folder) };
+    let look = || -> Result<Beside, StoreError> { Ok(Beside { copy: copy()?, age: age::fault(folder) }) };
+    let mut found = look()?;
+    for _ in 0..LOOKS {
+        if found == Beside::default() || !write::is_in_use(folder) {
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(100));
+        found = look()?;
+    }
+    Ok(found)
+}
 
 pub(super) fn examine(reader: &mut Reader, found: &mut Checked) -> Result<(), StoreError> {
     found.version = schema::version(&reader.database())?;

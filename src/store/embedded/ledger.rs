@@ -13,6 +13,10 @@
 //! the log has more. So a log counts as carried over only as far as it was then: somebody who read may have kept it from being
 //! cut, and what came next went behind it.
 
+mod there;
+
+pub(in crate::store) use there::ledger_in;
+
 use super::DATABASE;
 use super::frames::{Log, log_of};
 use super::write::{self, PAGE_BYTES};
@@ -393,6 +397,13 @@ impl Ledger {
     pub fn acknowledge_states(&mut self, states: u64) -> io::Result<()> {
         self.now.states = states;
         self.acknowledged.write_all_at(&self.now.to_bytes(), 0)
+    }
+
+    /// Nothing of the second copy is acknowledged any more, on disk when this returns: another takes its place, which may have
+    /// fewer records.
+    pub fn retract_states(&mut self) -> io::Result<()> {
+        self.acknowledge_states(0)?;
+        self.acknowledged.sync_data()
     }
 
     /// Frames of the log that are not carried over.

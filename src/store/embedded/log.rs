@@ -15,11 +15,13 @@ impl Store {
     /// Carries the log over into the database when it is time.
     ///
     /// # Errors
-    /// [`StoreError::Damaged`], also where somebody else has come upon it; any other, then it is carried over the next time.
+    /// [`StoreError::Damaged`], also where somebody else has come upon it; [`StoreError::Gone`]; any other, then it is carried over
+    /// the next time.
     pub fn carry_over_when_due(&mut self) -> Result<(), StoreError> {
         if let Some(why) = ledger::marked(&self.config.folder) {
             return Err(StoreError::Damaged(why));
         }
+        lock_of(&self.ledger).is_there()?;
         let frames = lock_of(&self.ledger).frames();
         if frames >= self.config.upkeep.log || frames > 0 && self.carried.elapsed() >= LOG_TIME {
             self.carry_over()?;
@@ -57,8 +59,12 @@ impl Store {
 
 impl Drop for Store {
     fn drop(&mut self) {
-        // What is not carried over now is in the log at the next start, and of one that is damaged it stays there.
-        if ledger::marked(&self.config.folder).is_none()
+        // What is not carried over now is in the log at the next start, and of one that is damaged it stays there. What another
+        // database has in its place is none of ours.
+        let is_whole = ledger::marked(&self.config.folder).is_none();
+        let is_there = lock_of(&self.ledger).is_there().is_ok();
+        if is_whole
+            && is_there
             && let Err(error) = self.carry_over()
         {
             tracing::warn!(%error, "the store's log is carried over at the next start");

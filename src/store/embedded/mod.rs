@@ -28,11 +28,12 @@ mod spool;
 mod tree;
 mod write;
 
-pub(super) use ledger::{mark, marked};
+pub(super) use check::{Beside, beside};
+pub(super) use ledger::{ledger_in, mark, marked};
 pub(super) use read::Reader;
 pub(super) use repair::{finish_repair, repair};
 pub(super) use salvage::Loss;
-pub(super) use spool::Part;
+pub(super) use spool::{Part, is_spool};
 pub(super) use write::Store;
 
 /// The database in the folder.

@@ -6,7 +6,7 @@ use super::salvage::Loss;
 use super::{APPLICATION, DATABASE, MAX_TAG, TREND_SPAN, key, repair, schema, start_and_tag, write};
 use crate::signal::Sample;
 use crate::store::backend::Reads;
-use crate::store::rows::{AlarmRow, DiagnosisRow, ModelRow, TagName, TransitionRow};
+use crate::store::rows::{AlarmRow, DiagnosisRow, ModelRow, TagName, TransitionRow, put_whole};
 use crate::store::walk::over;
 use crate::store::{Checked, Point, StoreError, StoredTag, codec};
 use rusqlite::{Connection, OpenFlags, OptionalExtension, Row, params};
@@ -323,21 +323,16 @@ impl Reads for Reader {
         let rows = query.query_map(params![control_loop, count as i64], diagnosis)?;
         let mut rows = rows.collect::<Result<Vec<_>, _>>()?;
         rows.reverse();
-        let mut latest = db.prepare_cached(&format!(
-            "SELECT {DIAGNOSIS}, report FROM diagnoses WHERE control_loop = ?1 AND report IS NOT NULL
-             ORDER BY finished DESC LIMIT 1"
+        let basis = self.basis;
+        let said = rows.iter().rev().find(|row| row.is_verdict()).map(|row| row.finished);
+        let mut query = db.prepare_cached(&format!(
+            "SELECT {DIAGNOSIS}, report, {basis} FROM diagnoses WHERE control_loop = ?1 AND finished IN (?2,
+             (SELECT finished FROM diagnoses WHERE control_loop = ?1 AND report IS NOT NULL ORDER BY finished DESC LIMIT 1))"
         ))?;
-        let with_report = latest
-            .query_row([control_loop], |row| {
-                Ok(DiagnosisRow { report: row.get("report")?, ..diagnosis(row)? })
-            })
-            .optional()?;
-        if let Some(with_report) = with_report {
-            match rows.iter_mut().find(|row| row.finished == with_report.finished) {
-                Some(row) => *row = with_report,
-                None => rows.insert(0, with_report),
-            }
-        }
+        let mut whole = query.query_map(params![control_loop, said], |row| {
+            Ok(DiagnosisRow { report: row.get("report")?, basis: row.get("basis")?, ..diagnosis(row)? })
+        })?;
+        whole.try_for_each(|own| own.map(|own| put_whole(&mut rows, own)))?;
         Ok(rows)
     }
 

@@ -22,9 +22,13 @@ const FULL: f64 = 0.95;
 const DAY_S: f64 = 86_400.0;
 /// Free pages that stay in the file for what comes next.
 const SPARE_PAGES: i64 = 2048;
-/// A run that may go: the latest of each loop stays, and the latest with a report.
+/// A run that may go: the latest of each loop stays, and the latest with a report. The last of all stays, too, however old its stamp
+/// is: its number would be given again, and an edge of a fleet goes on behind that number.
 const OLD_RUN: &str = "finished < (SELECT max(finished) FROM diagnoses WHERE control_loop = own.control_loop) AND finished <
-    coalesce((SELECT max(finished) FROM diagnoses WHERE control_loop = own.control_loop AND report IS NOT NULL), 9e99)";
+    coalesce((SELECT max(finished) FROM diagnoses WHERE control_loop = own.control_loop AND report IS NOT NULL), 9e99)
+    AND id < (SELECT max(id) FROM diagnoses)";
+/// A change of an alarm that may go: the last of all stays, as of the runs.
+const OLD_CHANGE: &str = "id < (SELECT max(id) FROM transitions)";
 /// A model that may go: the latest of each loop stays.
 const OLD_MODEL: &str =
     "version < (SELECT max(version) FROM models AS own WHERE own.control_loop = models.control_loop)";
@@ -69,11 +73,11 @@ fn by_age(store: &mut Store, now: f64) -> Result<bool, StoreError> {
         drop_trends(store, start)?;
         return Ok(true);
     }
+    let changes = format!(
+        "DELETE FROM transitions WHERE id IN (SELECT id FROM transitions WHERE at < ?1 AND {OLD_CHANGE} LIMIT ?2)"
+    );
     let gone = drop_diagnoses(store, day(config.diagnoses_days))?
-        + store.db.execute(
-            "DELETE FROM transitions WHERE id IN (SELECT id FROM transitions WHERE at < ?1 LIMIT ?2)",
-            params![day(config.alarms_days), ROWS],
-        )?;
+        + store.db.execute(&changes, params![day(config.alarms_days), ROWS])?;
     Ok(gone > 0)
 }
 
@@ -83,11 +87,12 @@ fn due(store: &Store) -> Result<f64, StoreError> {
     let row = |sql: &str| store.db.query_row(sql, [], |row| row.get::<_, Option<f64>>(0));
     let runs = format!("SELECT min(finished) FROM diagnoses AS own WHERE {OLD_RUN}");
     let models = format!("SELECT min(since) FROM models WHERE {OLD_MODEL}");
+    let changes = format!("SELECT min(at) FROM transitions WHERE {OLD_CHANGE}");
     let config = &store.config;
     let oldest = [
         (start("chunks")?, config.samples_days),
         (start("trends")?, config.trend_days),
-        (row("SELECT min(at) FROM transitions")?, config.alarms_days),
+        (row(&changes)?, config.alarms_days),
         (row(&runs)?, config.diagnoses_days),
         (row(&models)?, config.diagnoses_days),
     ];

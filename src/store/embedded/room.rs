@@ -12,6 +12,11 @@ pub(super) fn pages_of(max_mb: u64) -> i64 {
     (max_mb * 1_000_000 / PAGE_BYTES) as i64
 }
 
+/// Whether so many bytes are more than a database that is kept within so many MB ever takes.
+pub(super) fn is_beyond(bytes: u64, max_mb: u64) -> bool {
+    bytes > max_mb * 1_000_000 + 2 * RESERVE as u64 * PAGE_BYTES
+}
+
 /// A transaction that has a little more room than there is. Where the database takes far more than it may, because `max_mb` was
 /// lowered, it has a little more than that.
 pub(super) fn beyond<T>(

@@ -138,6 +138,43 @@ pub(super) fn read(folder: &Path) -> Result<(Kept, u64), StoreError> {
     Ok((kept, lost))
 }
 
+/// What the copy lacks of the records that were acknowledged, in words; `None` where it has all of them. What comes behind them
+/// may be torn by a power failure: nobody was told that it is there.
+///
+/// # Errors
+/// [`StoreError::Io`] where a file that is there cannot be opened.
+pub(super) fn lacking(folder: &Path) -> Result<Option<String>, StoreError> {
+    // A writer adds records before it acknowledges them: so what was acknowledged is read first.
+    let told = ledger::states_acknowledged(folder)?.unwrap_or(0);
+    let path = folder.join(STATES);
+    let lost = told.saturating_sub(good(&ledger::contents(&path)?));
+    let what = if path.exists() { "cannot be read" } else { "are gone with the file" };
+    let says = || format!("{STATES}, the second copy of the states: {lost} of {told} records {what}");
+    Ok((lost > 0).then(says))
+}
+
+/// Says in the log what the copy lacks before it is written anew: the disk may be failing.
+pub(super) fn tell_lacking(folder: &Path) {
+    match lacking(folder) {
+        Ok(None) => {}
+        Ok(Some(lacking)) => {
+            tracing::warn!("{lacking}; no state is lost, it is written anew from the database")
+        }
+        Err(error) => {
+            tracing::warn!(%error, "the second copy of the states cannot be read, and is written anew from the database");
+        }
+    }
+}
+
+/// Records that are good, from the first on.
+fn good(bytes: &[u8]) -> u64 {
+    let (mut rest, mut count, mut sum) = (bytes, 0, 0);
+    while let Some((_, after)) = next(rest, count, &mut sum) {
+        (rest, count) = (after, count + 1);
+    }
+    count
+}
+
 fn decode(bytes: &[u8]) -> Kept {
     let mut kept = Kept::default();
     let (mut alarms, mut models) = (BTreeMap::new(), BTreeMap::new());
@@ -370,6 +407,12 @@ mod tests {
         }
     }
 
+    #[test]
+    fn of_two_records_one_is_good_if_the_second_is_cut() {
+        let whole = bytes(&rows(2));
+        assert_eq!([good(&whole), good(&whole[..whole.len() - 1]), good(&[])], [2, 1, 0]);
+    }
+
     proptest! {
         /// Whatever is cut or flipped: what comes back was written, and that something is missing is known.
         #[test]
@@ -380,6 +423,7 @@ mod tests {
                 bytes[at] ^= 1 << bit;
             }
             let (kept, all) = (decode(&bytes), decode(&whole));
+            prop_assert_eq!(kept.records, good(&bytes));
             prop_assert!(kept.alarms.iter().all(|row| all.alarms.contains(row)));
             prop_assert!(kept.changes.iter().all(|row| all.changes.contains(row)));
             prop_assert_eq!(bytes == whole, kept.whole && kept.records == 12);

@@ -1,13 +1,14 @@
 //! The store as a spool: what waits for another store is taken out part by part, and goes once it is delivered there.
 
 use super::read::Reader;
-use super::room::beyond;
-use super::write::{Store, put_alarm, put_row};
-use super::{MAX_TAG, key};
+use super::room::{beyond, is_beyond};
+use super::write::{PAGE_BYTES, Store, put_alarm, put_row};
+use super::{MAX_TAG, key, ledger, schema};
 use crate::store::backend::{Found, Reads};
 use crate::store::{AlarmRow, DiagnosisRow, ModelRow, Row, Series, StoreError, TransitionRow};
-use rusqlite::{OptionalExtension, Transaction, TransactionBehavior, params};
+use rusqlite::{Connection, OptionalExtension, Transaction, TransactionBehavior, params};
 use std::collections::HashMap;
+use std::path::Path;
 use std::sync::Arc;
 
 /// Rows that are delivered in one go.
@@ -19,6 +20,9 @@ const STATES_ARE_THERE: &str = "INSERT OR REPLACE INTO known_alarms SELECT * FRO
         WHERE version = (SELECT max(version) FROM models WHERE control_loop = own.control_loop) AND version >=
             coalesce((SELECT version FROM known_models WHERE control_loop = own.control_loop), 0);
     DELETE FROM models; DELETE FROM alarms;";
+
+/// Version of the tables from which on a spool says what its eras count from.
+const HAS_BASE: i64 = 4;
 
 /// Something that waits, whole enough to be delivered in one transaction.
 #[derive(Clone, Debug, PartialEq)]
@@ -183,12 +187,23 @@ impl Store {
         Ok(!self.db.query_row(sql, [], |row| row.get::<_, bool>(0))?)
     }
 
-    /// What its eras count from in the store it waits for; `None` before that was ever reached.
+    /// What its eras count from in the store it waits for; `None` before that was ever reached, and of a store of its own.
     ///
     /// # Errors
     /// [`StoreError`].
     pub fn base(&self) -> Result<Option<i64>, StoreError> {
-        Ok(self.db.query_row("SELECT base FROM spool", [], |row| row.get(0)).optional()?)
+        base_of(&self.db)
+    }
+
+    /// It waits for no other store any more: what it collects from now on is its own.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn forget_base(&mut self) -> Result<(), StoreError> {
+        if self.base()?.is_some() {
+            self.db.execute("DELETE FROM spool", [])?;
+        }
+        Ok(())
     }
 
     /// Remembers it.
@@ -211,6 +226,54 @@ impl Store {
     }
 }
 
+fn base_of(db: &Connection) -> Result<Option<i64>, StoreError> {
+    Ok(db.query_row("SELECT base FROM spool", [], |row| row.get(0)).optional()?)
+}
+
+/// Looks at a folder before it is opened as a spool of at most `spool_mb`: a store of its own may hold what would be deleted there
+/// instead of delivered. Trends go nowhere, and of what takes more than a spool may the oldest goes. Where the other store was reached
+/// since a daemon last had it as one of its own, it is a spool, whatever it holds. Nothing in the folder is changed.
+///
+/// # Errors
+/// [`StoreError::OwnStore`], and any other of reading it.
+pub(in crate::store) fn is_spool(folder: &Path, spool_mb: u64) -> Result<(), StoreError> {
+    // Who opens it says that it is damaged, or another program's, or ends making it.
+    if ledger::marked(folder).is_some() {
+        return Ok(());
+    }
+    let reader = match Reader::open(folder) {
+        Err(StoreError::Missing(_) | StoreError::Foreign(_)) => return Ok(()),
+        opened => opened?,
+    };
+    let db = reader.database();
+    let version = schema::version(&db)?;
+    if version == 0 {
+        return Ok(());
+    }
+    let trends = db.query_row("SELECT EXISTS (SELECT 1 FROM trends)", [], |row| row.get::<_, bool>(0))?;
+    if version >= HAS_BASE && base_of(&db)?.is_some() {
+        if trends {
+            let folder = folder.display();
+            tracing::warn!(
+                %folder,
+                "the folder of what waits for PostgreSQL has trends of an earlier store: they are not delivered"
+            );
+        }
+        return Ok(());
+    }
+    let own = |what, remedy| Err(StoreError::OwnStore { folder: folder.to_path_buf(), what, remedy });
+    if trends {
+        return own("trends".to_string(), "name an empty folder in [store]");
+    }
+    let number = |name: &str| db.pragma_query_value(None, name, |row| row.get::<_, i64>(0));
+    let used = (number("page_count")? - number("freelist_count")?).max(0) as u64 * PAGE_BYTES;
+    if is_beyond(used, spool_mb) {
+        let what = format!("{} MB, where spool_mb = {spool_mb}", used / 1_000_000);
+        return own(what, "name an empty folder in [store], or raise spool_mb");
+    }
+    Ok(())
+}
+
 /// Puts states beside those that wait, as known.
 fn put_known(into: &Transaction<'_>, models: &[ModelRow], alarms: &[AlarmRow]) -> Result<(), StoreError> {
     for ModelRow { control_loop, version, since, effects } in models {
@@ -219,4 +282,104 @@ fn put_known(into: &Transaction<'_>, models: &[ModelRow], alarms: &[AlarmRow]) -
             .execute(params![control_loop, version, since, effects])?;
     }
     alarms.iter().try_for_each(|row| put_alarm(into, "known_alarms", row))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::backend::Writes;
+    use crate::store::embedded::DATABASE;
+    use crate::store::embedded::second::STATES;
+    use crate::store::embedded::tests::{Folder, batch, good, tag};
+    use crate::store::{self, Batch, Config, Upkeep};
+    use std::fs;
+    use std::os::unix::fs::MetadataExt;
+
+    const DAY_S: f64 = 86_400.0;
+
+    /// As the folder is opened once a database is named, which is away.
+    fn opened(folder: &Folder, spool_mb: u64) -> Result<store::Store, StoreError> {
+        let url = Some("postgres://nobody@127.0.0.1:1/none".to_string());
+        store::Store::open(&Config { url, spool_mb, ..folder.config() })
+    }
+
+    fn refused(folder: &Folder, spool_mb: u64) -> String {
+        match opened(folder, spool_mb) {
+            Err(error @ StoreError::OwnStore { .. }) => error.to_string(),
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn a_store_of_its_own_that_would_not_be_delivered_whole_is_no_spool() {
+        let folder = Folder::new();
+        let upkeep = Upkeep { pace: None, ..Upkeep::default() };
+        let plain = Config { samples_days: 1.0, upkeep, ..folder.config() };
+        let mut own = Store::open(&plain).expect("opens");
+        own.write(&batch(&tag("A", "op"), good(0..600))).expect("writes");
+        drop(own);
+        // All of it fits, and so waits.
+        let spool = opened(&folder, 16).expect("opens").spool().expect("there is one");
+        assert!(spool.waits && spool.dropped == 0, "{spool:?}");
+
+        let mut own = Store::open(&plain).expect("opens");
+        while own.tidy(3.0 * DAY_S).expect("tidies") {}
+        drop(own);
+        let points = || store::check(&folder.0).expect("can be read").points;
+        // Whoever opens it makes the second copy of the states anew.
+        let copy = || fs::metadata(folder.0.join(STATES)).expect("there").ino();
+        let before = (points(), copy());
+        let told = refused(&folder, 16);
+        assert!(before.0 > 0 && told.contains("with trends: "), "{before:?}: {told}");
+        assert!(told.contains("name an empty folder in [store], see"), "{told}");
+        assert_eq!((points(), copy()), before, "nothing is changed");
+        // As an older version left them in the folder of a spool.
+        Store::open(&plain).and_then(|mut own| own.set_base(0)).expect("writes");
+        assert!(opened(&folder, 16).expect("it is a spool").spool().is_some());
+        assert_eq!(points(), before.0);
+    }
+
+    /// Its database was reached once, then it was a store of its own again.
+    #[test]
+    fn a_spool_that_became_a_store_of_its_own_is_none_any_more() {
+        let folder = Folder::new();
+        let report = Some(vec![7; 20_000_000]);
+        let run = DiagnosisRow { control_loop: "A".into(), report, ..DiagnosisRow::default() };
+        Store::open(&folder.config()).and_then(|mut own| own.set_base(0)).expect("writes");
+        // A tool leaves it what it is, as `store import` does.
+        drop(store::Store::open(&folder.config()).expect("opens"));
+        let base = Store::open(&folder.config()).and_then(|own| own.base());
+        assert_eq!(base.expect("can be read"), Some(0));
+        let mut own = (store::Driven::default().open)(&folder.config(), true).expect("opens");
+        own.write(&Batch { series: Vec::new(), rows: vec![Row::Diagnosis(run)] }).expect("writes");
+        drop(own);
+        assert!(refused(&folder, 1).contains("20 MB"));
+        assert!(opened(&folder, 16).is_ok(), "there is room for it");
+    }
+
+    #[test]
+    fn a_folder_whose_store_was_never_finished_is_no_store_of_its_own() {
+        let folder = Folder::new();
+        fs::create_dir_all(&folder.0).expect("writable");
+        fs::write(folder.0.join(DATABASE), "").expect("writable");
+        assert!(opened(&folder, 16).is_ok());
+    }
+
+    #[test]
+    fn a_store_of_its_own_that_takes_more_than_waits_is_no_spool() {
+        let folder = Folder::new();
+        let report = Some(vec![7; 20_000_000]);
+        let run = DiagnosisRow { control_loop: "A".into(), report, ..DiagnosisRow::default() };
+        let rows = vec![Row::Diagnosis(run)];
+        let mut own = Store::open(&folder.config()).expect("opens");
+        own.write(&Batch { series: Vec::new(), rows }).expect("writes");
+        drop(own);
+        let told = refused(&folder, 1);
+        assert!(told.contains("with 20 MB, where spool_mb = 1:"), "{told}");
+        assert!(told.contains("or raise spool_mb"), "{told}");
+        assert!(opened(&folder, 16).is_ok(), "there is room for it");
+        // One that has reached its database is a spool, and has an end.
+        Store::open(&folder.config()).and_then(|mut own| own.set_base(0)).expect("writes");
+        assert!(opened(&folder, 1).is_ok());
+    }
 }

@@ -343,6 +343,50 @@ fn alarms_of_an_older_version_are_about_stiction() {
     assert!(whole(&folder).faults.is_empty());
 }
 
+/// The process ends when the new copy has taken the place of the old one, which had more records, and before that is noted.
+#[test]
+fn a_crash_while_the_second_copy_is_written_anew_is_no_damage() {
+    let folder = Folder::new();
+    let copy = folder.0.join(second::STATES);
+    let mut store = Store::open(&folder.config()).expect("opens");
+    for since in 0..5 {
+        let row = AlarmRow {
+            control_loop: "A".into(),
+            kind: "stiction".into(),
+            since: Some(f64::from(since)),
+            ..AlarmRow::default()
+        };
+        store.write(&Batch { series: Vec::new(), rows: vec![Row::Alarm(row)] }).expect("writes");
+    }
+    drop(store);
+    let old = std::fs::read(&copy).expect("there");
+    let shorter = &old[..old.len() / 5];
+    std::fs::write(&copy, shorter).expect("writable");
+    let faults = check(&folder.0).expect("can be read").faults;
+    assert!(faults.len() == 1 && faults[0].contains("4 of 5 records"), "{faults:?}");
+    // The new one cannot be made, so opening ends where the old one no longer counts.
+    std::fs::write(&copy, &old).expect("writable");
+    std::fs::create_dir(folder.0.join("states.new")).expect("writable");
+    assert!(matches!(Store::open(&folder.config()), Err(StoreError::Io { .. })));
+    std::fs::remove_dir(folder.0.join("states.new")).expect("there");
+    std::fs::write(&copy, shorter).expect("writable");
+    whole(&folder);
+    drop(Store::open(&folder.config()).expect("opens"));
+    whole(&folder);
+    // It is as new after that: the database has one state of the alarm.
+    assert_eq!(std::fs::read(&copy).expect("there").len(), shorter.len());
+}
+
+/// The process ends when the database is made and its second copy is not.
+#[test]
+fn a_first_start_without_a_second_copy_is_no_damage() {
+    let folder = Folder::new();
+    std::fs::create_dir_all(folder.0.join("states.new")).expect("writable");
+    assert!(matches!(Store::open(&folder.config()), Err(StoreError::Io { .. })));
+    assert!(folder.0.join(DATABASE).is_file() && !folder.0.join(second::STATES).exists());
+    whole(&folder);
+}
+
 /// The second copy of yesterday beside the database of today, as somebody may have put it back.
 #[test]
 fn an_old_second_copy_takes_the_place_of_nothing_in_a_database_that_is_whole() {
@@ -367,4 +411,53 @@ fn an_old_second_copy_takes_the_place_of_nothing_in_a_database_that_is_whole() {
     let left = super::Reader::open(&folder.0).expect("can be read");
     assert_eq!(left.written().expect("reads").1, [alarm("A", true)]);
     assert_eq!(left.known().expect("reads").1, [alarm("B", true)]);
+}
+
+/// What is written to it goes into files that no start will ever find.
+#[test]
+fn a_folder_that_is_moved_away_is_noticed_and_another_in_its_place_left_alone() {
+    let (folder, aside, op) = (Folder::new(), Folder::new(), tag("A", "op"));
+    let mut store = Store::open(&folder.config()).expect("opens");
+    store.write(&batch(&op, good(0..10))).expect("writes");
+    store.tidy(1010.0).expect("it is there");
+    std::fs::rename(&folder.0, &aside.0).expect("writable");
+    let is_gone = |store: &mut Store| matches!(store.tidy(1020.0), Err(StoreError::Gone { .. }));
+    assert!(is_gone(&mut store));
+    let mut other = Store::open(&folder.config()).expect("begins anew");
+    other.write(&batch(&op, good(20..30))).expect("writes");
+    assert!(is_gone(&mut store));
+    drop(store);
+    other.tidy(1030.0).expect("this one is there");
+    drop(other);
+    assert_eq!((&all(&folder)[&1], &all(&aside)[&1]), (&good(20..30), &good(0..10)));
+    assert_eq!((whole(&folder).samples, whole(&aside).samples), (10, 10));
+}
+
+/// The files that are open take all of it.
+#[test]
+fn what_goes_to_a_folder_that_is_gone_does_not_count_as_written() {
+    let (folder, aside, op) = (Folder::new(), Folder::new(), tag("A", "op"));
+    let mut store = Store::open(&folder.config()).expect("opens");
+    store.write(&batch(&op, good(0..10))).expect("writes");
+    std::fs::rename(&folder.0, &aside.0).expect("writable");
+    assert!(matches!(store.write(&batch(&op, good(10..20))), Err(StoreError::Gone { .. })));
+    assert!(matches!(store.insert(&batch(&op, good(20..30))), Err(StoreError::Gone { .. })));
+    std::fs::rename(&aside.0, &folder.0).expect("writable");
+    store.write(&batch(&op, good(10..20))).expect("it is back");
+}
+
+/// As a file system over a network does after its server was started anew: the same file has another number.
+#[test]
+fn a_database_that_only_has_another_number_is_there() {
+    let (folder, op) = (Folder::new(), tag("A", "op"));
+    let mut store = Store::open(&folder.config()).expect("opens");
+    store.write(&batch(&op, good(0..10))).expect("writes");
+    let (own, other) = (folder.0.join(DATABASE), folder.0.join("other"));
+    std::fs::copy(&own, &other).expect("copied");
+    std::fs::rename(&other, &own).expect("writable");
+    store.tidy(1010.0).expect("it is there");
+    // Not where the ledger is of another store, too.
+    let ledger = folder.0.join("store.ack");
+    std::fs::remove_file(&ledger).expect("there");
+    assert!(matches!(store.tidy(1020.0), Err(StoreError::Gone { .. })));
 }

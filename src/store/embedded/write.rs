@@ -88,8 +88,8 @@ impl Store {
         schema::migrate(&mut db)?;
         // A new file is lost with its folder's entry.
         File::open(folder).and_then(|folder| folder.sync_all()).map_err(StoreError::io(folder))?;
-        let second = second_of(folder)?;
-        lock_of(&ledger).acknowledge_states(second.records()).map_err(StoreError::io(folder))?;
+        second::tell_lacking(folder);
+        let second = second_of(folder, &ledger)?;
         let era = db.query_row("SELECT coalesce(max(era), 0) FROM tags", [], |row| row.get(0))?;
         let mut store = Self {
             db,
@@ -126,7 +126,8 @@ impl Store {
         let tags: Vec<StoredTag> = tags.iter().map(stored).collect();
         if self.second.add(&tags, rows.iter())?.is_some() {
             if self.second.is_large() {
-                self.second = second_of(&self.config.folder)?;
+                self.second = second_of(&self.config.folder, &self.ledger)?;
+                return Ok(());
             }
             let told = lock_of(&self.ledger).acknowledge_states(self.second.records());
             told.map_err(StoreError::io(&self.config.folder))?;
@@ -177,14 +178,19 @@ pub(super) fn lock_of(ledger: &Mutex<Ledger>) -> MutexGuard<'_, Ledger> {
     ledger.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The second copy, made of what the database holds.
-fn second_of(folder: &Path) -> Result<Second, StoreError> {
+/// The second copy, made of what the database holds. While it takes the place of another none of its records counts as
+/// acknowledged: so a crash meanwhile is no damage.
+fn second_of(folder: &Path, ledger: &Mutex<Ledger>) -> Result<Second, StoreError> {
     let reader = Reader::as_it_is(folder)?;
     let models = reader.known()?.0.into_iter().chain(reader.written()?.0).map(Row::Model);
     let changes = reader.last_transitions(second::CHANGES)?.into_iter().map(Row::Transition);
     let alarms = reader.alarms()?.into_iter().map(Row::Alarm);
     let rows: Vec<Row> = models.chain(changes).chain(alarms).collect();
-    Second::begin(folder, &reader.tags()?, rows.iter())
+    let tags = reader.tags()?;
+    lock_of(ledger).retract_states().map_err(StoreError::io(folder))?;
+    let second = Second::begin(folder, &tags, rows.iter())?;
+    lock_of(ledger).acknowledge_states(second.records()).map_err(StoreError::io(folder))?;
+    Ok(second)
 }
 
 impl Writes for Store {
@@ -220,7 +226,8 @@ impl Writes for Store {
             self.open_samples += samples.len();
             hold(&mut self.open, start, samples);
         }
-        Ok(())
+        // Of a folder that is gone the files that are open take everything, and nothing of it is durable.
+        lock_of(&self.ledger).is_there()
     }
 
     fn tidy(&mut self, now: f64) -> Result<bool, StoreError> {
@@ -266,7 +273,7 @@ impl Writes for Store {
         self.ids.extend(news);
         self.refused += refused;
         self.twice += twice;
-        Ok(())
+        lock_of(&self.ledger).is_there()
     }
 
     fn make_room(&mut self, now: f64) -> Result<bool, StoreError> {

@@ -45,6 +45,9 @@ pub(super) struct Store {
     link: Option<Link>,
     /// Why there is no link; `None` also before it was tried.
     away: Option<String>,
+    /// Why it was away, as that was told last; `None` once it takes what it is given.
+    told: Option<String>,
+    /// The next pause between attempts.
     pause: Duration,
     again: Instant,
     /// Counted in the database; as far as that was ever reached.
@@ -63,7 +66,8 @@ impl Store {
     /// `is_read` says, and to nobody else.
     ///
     /// # Errors
-    /// [`StoreError`] of the spool; [`StoreError::TooNew`] and [`StoreError::Foreign`] of the database.
+    /// [`StoreError`] of the spool, [`StoreError::OwnStore`] where it is none, which then stays as it is; [`StoreError::TooNew`] and
+    /// [`StoreError::Foreign`] of the database.
     pub fn open(config: &Config, is_read: bool) -> Result<Self, StoreError> {
         let spooled = Config {
             url: None,
@@ -76,6 +80,7 @@ impl Store {
             upkeep: Upkeep { pace: None, ..config.upkeep },
             ..config.clone()
         };
+        embedded::is_spool(&config.folder, config.spool_mb)?;
         let spool = embedded::Store::open(&spooled)?;
         let mut store = Self {
             config: config.clone(),
@@ -84,6 +89,7 @@ impl Store {
             spool,
             link: None,
             away: None,
+            told: None,
             pause: PAUSES.0,
             again: Instant::now(),
             era: 0,
@@ -129,14 +135,22 @@ impl Store {
         }
         self.era = self.era.max(there).max(base + self.spool.era());
         self.unknown.compare(&mut link.client, &mut self.spool, opening)?;
-        // Nothing overtakes what is to be merged.
-        self.waits |= self.unknown.holds();
-        self.link = Some(link);
-        self.pause = PAUSES.0;
-        if self.away.take().is_some() {
-            tracing::info!(waits = self.waits, "the database is there again");
+        // Nothing overtakes what is to be merged, or is to be delivered once more.
+        self.waits |= self.unknown.holds() || !self.spool.is_empty()?;
+        (self.link, self.away) = (Some(link), None);
+        if !self.waits {
+            self.works();
         }
         Ok(())
+    }
+
+    /// The database takes what it is given. One that only lets us in may refuse that, as a disk that is full does: it is tried no
+    /// sooner by that, and nothing is told.
+    fn works(&mut self) {
+        self.pause = PAUSES.0;
+        if self.told.take().is_some() {
+            tracing::info!(waits = self.waits, "the database is there again");
+        }
     }
 
     /// Connects where there is no link and it is time to try.
@@ -152,8 +166,9 @@ impl Store {
 
     fn lost(&mut self, error: &StoreError) {
         let why = error.to_string();
-        if self.away.as_ref() != Some(&why) {
+        if self.told.as_ref() != Some(&why) {
             tracing::warn!(error = why, "the database is away: what is new waits on disk");
+            self.told = Some(why.clone());
         }
         (self.link, self.away) = (None, Some(why));
         self.again = Instant::now() + self.pause;
@@ -178,6 +193,7 @@ impl Store {
         match link.write_batch(batch, self.era) {
             Ok(refused) => {
                 self.refused += refused;
+                self.works();
                 if states {
                     self.spool.states_are_there()?;
                 }
@@ -200,6 +216,7 @@ impl Store {
         }
         let Some(part) = part else {
             self.waits = false;
+            self.works();
             return Ok(false);
         };
         if only_rows && !part.is_rows() {
@@ -220,6 +237,7 @@ impl Store {
             self.lost(&error);
             return Ok(false);
         }
+        self.works();
         self.unknown.bridged(&rows);
         self.delivered += series.iter().map(|(_, own)| own.samples.len() as u64).sum::<u64>();
         self.spool.forget(&part)?;

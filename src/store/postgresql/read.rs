@@ -2,7 +2,7 @@
 //! the other.
 
 use super::super::backend::Reads;
-use super::super::rows::{AlarmRow, DiagnosisRow, ModelRow, TagName, TransitionRow, pack};
+use super::super::rows::{AlarmRow, DiagnosisRow, ModelRow, TagName, TransitionRow, pack, put_whole};
 use super::super::{Checked, Config, Point, StoreError, StoredTag, codec};
 use super::client::{Ask, Client};
 use super::pages::{ALARMS, DIAGNOSES, IDS, LAST_TRANSITIONS, MODELS, SUMMARIES, TAGS, TRANSITIONS, TRENDS};
@@ -154,13 +154,11 @@ impl Reads for Reader {
         let run = |row: &Row| diagnosis(row, false);
         let mut rows = SUMMARIES.read(&mut *self.client(), &[&control_loop], None, count, run)?;
         rows.reverse();
-        let latest = "SELECT * FROM diagnoses WHERE control_loop = $1 AND report IS NOT NULL ORDER BY finished DESC LIMIT 1";
-        if let Some(latest) = self.rows(latest, &[&control_loop])?.first() {
-            let with_report = DiagnosisRow { basis: None, ..diagnosis(latest, true) };
-            match rows.iter_mut().find(|row| row.finished == with_report.finished) {
-                Some(row) => *row = with_report,
-                None => rows.insert(0, with_report),
-            }
+        let said = rows.iter().rev().find(|row| row.is_verdict()).map(|row| row.finished);
+        let whole = "SELECT * FROM diagnoses WHERE control_loop = $1 AND finished IN ($2,
+            (SELECT finished FROM diagnoses WHERE control_loop = $1 AND report IS NOT NULL ORDER BY finished DESC LIMIT 1))";
+        for own in self.rows(whole, &[&control_loop, &said])? {
+            put_whole(&mut rows, diagnosis(&own, true));
         }
         Ok(rows)
     }

@@ -35,9 +35,13 @@ impl Thinning {
     }
 }
 
-/// A run that may go: the latest of each loop stays, and the latest with a report.
+/// A run that may go: the latest of each loop stays, and the latest with a report. The last of all stays, too, however old its stamp
+/// is: an edge of a fleet goes on behind its number, and forwards everything once more where that is gone.
 const OLD_RUN: &str = "finished < (SELECT max(finished) FROM diagnoses WHERE control_loop = own.control_loop) AND finished <
-    coalesce((SELECT max(finished) FROM diagnoses WHERE control_loop = own.control_loop AND report IS NOT NULL), 'Infinity')";
+    coalesce((SELECT max(finished) FROM diagnoses WHERE control_loop = own.control_loop AND report IS NOT NULL), 'Infinity')
+    AND id < (SELECT max(id) FROM diagnoses)";
+/// A change of an alarm that may go: the last of all stays, as of the runs.
+const OLD_CHANGE: &str = "id < (SELECT max(id) FROM transitions)";
 /// A model that may go: the latest of each loop stays.
 const OLD_MODEL: &str =
     "version < (SELECT max(version) FROM models AS own WHERE own.control_loop = models.control_loop)";
@@ -106,10 +110,10 @@ impl Retention {
             drop_until(link, "trends", begin + TRENDS_S, TRENDS_S)?;
             return Ok(true);
         }
-        let old = link.client.execute(
-            "DELETE FROM transitions WHERE id IN (SELECT id FROM transitions WHERE at < $1 LIMIT $2)",
-            &[&day(config.alarms_days), &ROWS],
-        )?;
+        let changes = format!(
+            "DELETE FROM transitions WHERE id IN (SELECT id FROM transitions WHERE at < $1 AND {OLD_CHANGE} LIMIT $2)"
+        );
+        let old = link.client.execute(&changes, &[&day(config.alarms_days), &ROWS])?;
         Ok(drop_diagnoses(link, day(config.diagnoses_days))? + old > 0)
     }
 
@@ -199,7 +203,7 @@ fn due(link: &mut Link, config: &Config) -> Result<f64, StoreError> {
         due = at.map_or(due, |at| due.min(at + days * DAY_S));
     }
     for (sql, days) in [
-        ("SELECT min(at) FROM transitions".to_string(), config.alarms_days),
+        (format!("SELECT min(at) FROM transitions WHERE {OLD_CHANGE}"), config.alarms_days),
         (format!("SELECT min(finished) FROM diagnoses AS own WHERE {OLD_RUN}"), config.diagnoses_days),
         (format!("SELECT min(since) FROM models WHERE {OLD_MODEL}"), config.diagnoses_days),
     ] {

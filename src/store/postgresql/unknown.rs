@@ -54,7 +54,8 @@ fn plain_model(row: &ModelRow) -> ModelRow {
 
 impl Unknown {
     /// Compares what the database has with what it is known to have and what waits for it. Where the store is `opening` what is
-    /// not contradicted by something that waits is simply known: whoever opens reads it.
+    /// not contradicted by something that waits is simply known: whoever opens reads it. What it is known to have and has no more,
+    /// as one that was begun anew or is an older copy, waits for it again.
     pub fn compare(
         &mut self,
         client: &mut Client,
@@ -75,11 +76,29 @@ impl Unknown {
         // Merged and not delivered yet: its history may still lack the step from where it was left.
         let differs = |row: &&AlarmRow| waiting.get(&key(row)).is_some_and(|own| own != *row);
         self.begun.extend(alarms.iter().filter(differs).map(key));
+        let there: BTreeSet<Key> = alarms.iter().map(key).collect();
+        let is_lost = |own: &&AlarmRow| !there.contains(&key(own)) && !waiting.contains_key(&key(own));
+        let lost_alarms = known_alarms.values().filter(is_lost).cloned().map(Row::Alarm);
+        let there: BTreeSet<&str> = models.iter().map(|row| row.control_loop.as_str()).collect();
+        let is_lost = |own: &&ModelRow| {
+            let of = own.control_loop.as_str();
+            !there.contains(of) && !waiting_models.contains_key(of)
+        };
+        let lost_models = known_models.values().filter(is_lost).cloned().map(Row::Model);
+        let mut lost: Vec<Row> = lost_models.chain(lost_alarms).collect();
         let mut news = Found::default();
         let mut ours = Found::default();
         for row in alarms {
             let own = waiting.get(&key(&row));
-            if known_alarms.get(&key(&row)) == Some(&row) || own == Some(&row) {
+            let known = known_alarms.get(&key(&row));
+            if known == Some(&row) || own == Some(&row) {
+                continue;
+            }
+            let is_older =
+                |known: &&AlarmRow| known.since.zip(row.since).is_some_and(|(own, there)| own > there);
+            if let Some(known) = known.filter(is_older) {
+                self.begun.insert(key(&row));
+                lost.extend(own.is_none().then(|| Row::Alarm(known.clone())));
                 continue;
             }
             let simply = opening && own.is_none();
@@ -87,11 +106,21 @@ impl Unknown {
         }
         for row in models {
             let own = waiting_models.get(&row.control_loop);
-            if known_models.get(&row.control_loop) == Some(&row) || own == Some(&row) {
+            let known = known_models.get(&row.control_loop);
+            if known == Some(&row) || own == Some(&row) {
+                continue;
+            }
+            if let Some(known) = known.filter(|known| known.version > row.version) {
+                lost.extend(own.is_none().then(|| Row::Model(known.clone())));
                 continue;
             }
             let simply = opening && own.is_none();
             if simply { &mut ours } else { &mut news }.models.push(row);
+        }
+        if !lost.is_empty() {
+            let states = lost.len();
+            tracing::warn!(states, "the database lacks states that it had: they are delivered once more");
+            spool.hold_states(&lost)?;
         }
         spool.know(&ours.models, &ours.alarms)?;
         if !news.alarms.is_empty() || !news.models.is_empty() {

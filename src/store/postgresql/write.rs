@@ -165,12 +165,17 @@ fn number(
         let (era, name) = &key;
         let [own, tag, source, unit] =
             [&name.control_loop, &name.tag, &name.source, &name.unit].map(|t| text(t));
-        let row = writing.query_one(
-            "INSERT INTO tags (control_loop, tag, source, era, unit) VALUES ($1, $2, $3, $4, $5)
-             ON CONFLICT (control_loop, tag, source, era) DO UPDATE SET unit = excluded.unit RETURNING id",
-            &[&own, &tag, &source, era, &unit],
-        )?;
-        news.insert(key, row.get(0));
+        let values: Values<'_> = &[&own, &tag, &source, era, &unit];
+        // An insert takes a number for good, also where the tag is there: at each connection as many as there are tags.
+        let there = "UPDATE tags SET unit = $5
+            WHERE control_loop = $1 AND tag = $2 AND source = $3 AND era = $4 RETURNING id";
+        let new = "INSERT INTO tags (control_loop, tag, source, era, unit) VALUES ($1, $2, $3, $4, $5)
+            ON CONFLICT (control_loop, tag, source, era) DO UPDATE SET unit = excluded.unit RETURNING id";
+        let id: i32 = match writing.query(there, values)?.first() {
+            Some(row) => row.get(0),
+            None => writing.query_one(new, values)?.get(0),
+        };
+        news.insert(key, id);
     }
     Ok(news)
 }

@@ -241,3 +241,22 @@ fn who_waits_for_a_round_that_never_came_is_not_told_of_an_earlier_one() {
     let flusher = Flusher { shared: Arc::new(shared), by_hand: None };
     assert!(!flusher.flush(Duration::ZERO));
 }
+
+/// What a round has written is in files that are gone, so it is written once more.
+#[test]
+fn what_was_written_to_a_folder_that_is_gone_is_written_to_the_one_in_its_place() {
+    let folder = Folder::new();
+    let config = Config::new(&folder.0);
+    let [control_loop, source, unit] = ["A", "", ""].map(String::from);
+    let tag = Arc::new(TagName { control_loop, tag: "op".into(), source, unit });
+    let series = Series { tag, samples: vec![Sample::good(1000.0, 1.0)] };
+    let feed = SetBack(Batch { series: vec![series], rows: Vec::new() }, false);
+    let driven = Driven { by_hand: true, ..Driven::default() };
+    let writer = Writer::driven(&driven, &config, Store::open(&config), feed, || 1000.0).expect("begun");
+    std::fs::remove_dir_all(&folder.0).expect("there");
+    assert!(!writer.flush(Duration::ZERO), "it is noticed");
+    assert!(writer.flush(Duration::ZERO), "{:?}", writer.status());
+    writer.stop();
+    let mut reader = Reader::open(&folder.0).expect("opens");
+    assert_eq!(reader.between("A", "op", 0.0, 2000.0).expect("reads"), [Sample::good(1000.0, 1.0)]);
+}
