@@ -55,6 +55,24 @@ pub struct StreamState {
     pub last: u64,
 }
 
+/// How full a stream is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Fill {
+    /// Messages that it has.
+    pub messages: u64,
+    /// Bytes that they take.
+    pub bytes: u64,
+    /// Bytes that they may take; none where an operator took the bound away.
+    pub room: Option<u64>,
+}
+
+impl Fill {
+    /// The share of its room that is taken (0..1); `None` for a stream without a bound.
+    pub fn share(&self) -> Option<f64> {
+        self.room.map(|room| (self.bytes as f64 / room as f64).min(1.0))
+    }
+}
+
 /// A connection to the fleet.
 #[derive(Clone, Debug)]
 pub struct Link {
@@ -359,6 +377,17 @@ impl Link {
         };
         let sent = self.js.send_publish(LEASE, message).await.map_err(refused)?;
         Ok(sent.await.map_err(refused)?.sequence)
+    }
+
+    /// How full a stream is.
+    ///
+    /// # Errors
+    /// [`LinkError::Away`].
+    pub async fn fill(&self, stream: &str) -> Result<Fill, LinkError> {
+        let stream = self.js.get_stream(stream).await.map_err(away)?;
+        let info = stream.cached_info();
+        let room = u64::try_from(info.config.max_bytes).ok().filter(|room| *room > 0);
+        Ok(Fill { messages: info.state.messages, bytes: info.state.bytes, room })
     }
 
     /// Deletes what every reader of a stream has done, where those that are `needed` are there. With a server before 2.9.15 nothing is

@@ -46,12 +46,20 @@ pub(super) fn options(config: &Config) -> Result<ConnectOptions, String> {
     if let Some(file) = &config.nkey_file {
         options = options.nkey(secret("nkey_file", file)?.trim().to_string());
     }
-    if let Some((user, file)) = config.user.as_ref().zip(config.password_file.as_ref()) {
-        let password = secret("password_file", file)?;
-        options =
-            options.user_and_password(user.clone(), password.trim_end_matches(['\r', '\n']).to_string());
+    if let Some((user, password)) = config.user.as_ref().zip(password(config)?) {
+        options = options.user_and_password(user.clone(), password);
     }
     Ok(options)
+}
+
+/// The user's password, where there is one.
+///
+/// # Errors
+/// Which file cannot be used, and why.
+pub(super) fn password(config: &Config) -> Result<Option<String>, String> {
+    let Some(file) = &config.password_file else { return Ok(None) };
+    let password = secret("password_file", file)?;
+    Ok(Some(password.trim_end_matches(['\r', '\n']).to_string()))
 }
 
 /// How a connection is encrypted. The files are read for each, because certificates are replaced while we run.

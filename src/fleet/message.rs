@@ -73,7 +73,7 @@ pub struct Window {
     /// Nobody waits for an answer for longer (s).
     #[prost(double, tag = "6")]
     pub answer_within_s: f64,
-    /// Version of the program that asks: another one may find something else, so it refuses the window.
+    /// Version and build of the program that asks: another one may find something else, so it refuses the window.
     #[prost(string, tag = "7")]
     pub version: String,
 }
@@ -151,7 +151,7 @@ pub struct Run {
     /// Evidence (-).
     #[prost(double, optional, tag = "12")]
     pub delta_aic: Option<f64>,
-    /// Version of the program that said it.
+    /// Version and build of the program that said it.
     #[prost(string, tag = "13")]
     pub version: String,
     /// The whole report, JSON packed by zstd; absent for a run that failed.
@@ -412,6 +412,12 @@ pub struct Loop {
     /// Loops of the same edge whose stream enters this one.
     #[prost(string, repeated, tag = "9")]
     pub upstream: Vec<String>,
+    /// Price of a standard deviation of one PV unit, where it is configured.
+    #[prost(double, optional, tag = "10")]
+    pub cost_per_sd: Option<f64>,
+    /// Unit of the price, for people.
+    #[prost(string, tag = "11")]
+    pub cost_unit: String,
 }
 
 /// A tag of a loop.
@@ -437,7 +443,7 @@ pub struct Pulse {
     /// `edge`, `worker` or `centre`.
     #[prost(string, tag = "1")]
     pub role: String,
-    /// Version of its program.
+    /// Version and build of its program.
     #[prost(string, tag = "2")]
     pub version: String,
     /// Its clock (s).

@@ -226,7 +226,12 @@ impl Between {
             return Ok(None);
         }
         let Ok((line, from_near)) = first_line(near).await else { return Ok(None) };
-        let Some(greeting) = self.introduced(&line, encrypts) else { return Ok(None) };
+        let Some(mut greeting) = self.introduced(&line, encrypts) else { return Ok(None) };
+        if let Some(password) = self.password().await? {
+            greeting.insert("pass".into(), password.into());
+        }
+        let text = serde_json::to_vec(&greeting).map_err(|error| error.to_string())?;
+        let greeting = [b"CONNECT ".as_slice(), text.as_slice(), b"\r\n"].concat();
         far.write_all(&greeting).await.map_err(|error| error.to_string())?;
         Ok(Some(Begun { far, from_far, from_near }))
     }
@@ -244,16 +249,21 @@ impl Between {
         connecting.await.map_err(|error| format!("no TLS: {error}"))
     }
 
+    /// The user's password as it is now: the client has the one of the start, and passwords are replaced while we run.
+    async fn password(&self) -> Result<Option<String>, String> {
+        let config = self.config.clone();
+        spawn_blocking(move || login::password(&config)).await.map_err(|error| error.to_string())?
+    }
+
     /// What the client says of itself, with its own name; nothing where it is not our client.
-    fn introduced(&self, line: &[u8], is_encrypted: bool) -> Option<Vec<u8>> {
+    fn introduced(&self, line: &[u8], is_encrypted: bool) -> Option<Map<String, Value>> {
         let mut said: Map<String, Value> = serde_json::from_slice(line.strip_prefix(b"CONNECT ")?).ok()?;
         if said.get("name").and_then(Value::as_str) != Some(self.secret.as_str()) {
             return None;
         }
         said.insert("name".into(), self.name.clone().into());
         said.insert("tls_required".into(), is_encrypted.into());
-        let text = serde_json::to_vec(&said).ok()?;
-        Some([b"CONNECT ".as_slice(), text.as_slice(), b"\r\n"].concat())
+        Some(said)
     }
 
     /// Passes on what both say until one of them ends; whether the server let us in.

@@ -23,6 +23,9 @@ pub const ACTIONS: &str = "stictiond_actions";
 /// reader of a centre was given last.
 pub const LATEST: &str = "stictiond_latest";
 
+/// The names of all streams.
+pub const ALL: [&str; 7] = [SAMPLES, WINDOWS, DIAGNOSES, ALARMS, STATES, ACTIONS, LATEST];
+
 /// Subject of the lease.
 pub const LEASE: &str = "stictiond.v1.fleet.centre.lease";
 /// Subjects of what readers of streams were given last.
@@ -143,6 +146,7 @@ mod tests {
         assert_eq!((latest.max_messages_per_subject, latest.max_message_size), (1, 524_288));
         // Every kind of message but the answer, which an edge waits for, is in exactly one stream.
         let all = [samples, windows, diagnoses, alarms, states, actions, latest];
+        assert_eq!(all.each_ref().map(|own| own.name.as_str()), ALL);
         let all: Vec<String> = all.into_iter().flat_map(|own| own.subjects).collect();
         for what in What::ALL.into_iter().filter(|what| *what != What::Answer) {
             let subjects = crate::fleet::subject::all(None, what);

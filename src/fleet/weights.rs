@@ -109,7 +109,7 @@ impl Weighed for Hello {
 }
 
 impl Weighed for Loop {
-    const FIELDS: &'static [Field] = &[Text(1), Text(2), Text(3), many::<Tag>(8), Texts(9)];
+    const FIELDS: &'static [Field] = &[Text(1), Text(2), Text(3), many::<Tag>(8), Texts(9), Text(11)];
 }
 
 impl Weighed for Tag {

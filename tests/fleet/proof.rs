@@ -189,6 +189,8 @@ impl Proof {
         }
         let refused = second.ask("POST", &format!("/api/v1/alarms/{id}/shelve"), &order(60));
         assert!(refused.contains("another centre"), "{refused}");
+        let refused = second.ask("POST", &format!("/api/v1/work/{id}/order"), "{\"by\":\"eve\"}");
+        assert!(refused.contains("another centre"), "{refused}");
         id
     }
 

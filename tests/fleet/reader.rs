@@ -101,6 +101,7 @@ async fn what_was_given_comes_before_what_is_new_also_from_a_server_that_was_kil
         }
     };
     let (mut second, ()) = tokio::join!(read, again);
+    assert!(!second.has_caught_up(), "what was given before is still to be taken");
     assert_eq!(take(&mut second, 30, |_| true).await, (10..40).collect::<Vec<_>>());
 }
 

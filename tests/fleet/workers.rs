@@ -18,6 +18,7 @@ use stictiond::serve::dto::{BasisText, Report};
 use stictiond::signal::{LoopId, Record, Sample};
 use stictiond::sim::{DemoLoop, Recording, demo_plant, plant::record};
 use stictiond::store::unpack;
+use stictiond::version::BUILD;
 
 const SITE: &str = "north";
 /// 2026-01-01T00:00:00Z.
@@ -55,9 +56,9 @@ impl Job {
         Self { id: LoopId::new(id), record, basis }
     }
 
-    /// As an edge of the worker's version asks for it.
+    /// As an edge of the worker's build asks for it.
     fn message(&self) -> Outgoing {
-        self.of_version(env!("CARGO_PKG_VERSION"))
+        self.of_version(BUILD)
     }
 
     /// As an edge of this version asks for it.
@@ -180,6 +181,11 @@ async fn a_window_that_is_sent_again_is_answered_once() {
     send(&link, other.of_version("9.9.9")).await;
     let Answer { run, refused, .. } = next(&mut answers).await;
     assert!(run.is_none() && refused.as_ref().is_some_and(|why| why.contains("9.9.9")), "{refused:?}");
+    // And so may another build of one version.
+    let build = concat!(env!("CARGO_PKG_VERSION"), "+0");
+    send(&link, other.of_version(build)).await;
+    let Answer { run, refused, .. } = next(&mut answers).await;
+    assert!(run.is_none() && refused.as_ref().is_some_and(|why| why.contains(build)), "{refused:?}");
     drop(worker);
     // What is answered is no longer asked for.
     let left = link.last(WINDOWS, &one.message().subject).await.expect("the server is there");

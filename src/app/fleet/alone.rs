@@ -1,14 +1,13 @@
 //! What an edge tells people by itself: which changes of alarms it told, and of which a centre has heard. Pure. A change is known
 //! by what it is and not by its number in the store: that may be away while people have to be told.
 
-use super::teller::{Key, NEWS_S, key};
+use super::teller::{Key, key};
 use crate::alarm::{AlarmId, Kind, State};
 use crate::results::AlarmChange;
 use crate::signal::LoopId;
 use crate::store::TransitionRow;
 use std::collections::{HashSet, VecDeque};
 use std::sync::Arc;
-use std::time::Duration;
 
 /// Changes that are remembered: more than the log of changes has.
 const REMEMBERED: usize = 4096;
@@ -91,24 +90,21 @@ impl Alone {
         log.iter().rev().filter(|change| is_untold(change)).cloned().collect()
     }
 
-    /// What is to be known while changes are forwarded. What happened before `since` (s) is not told here. `holds`: this edge tells
-    /// people.
-    pub(super) fn so_far(&self, since: f64, holds: bool) -> Told {
-        Told { heard: self.heard.clone(), told: self.told.clone(), since, holds }
+    /// What is to be known while changes are forwarded. What happened before `since` (s) is not told here any more. `holds`: this
+    /// edge tells people.
+    pub(super) fn so_far(&self, log: Log, since: f64, holds: bool) -> Told {
+        Told { heard: self.heard.clone(), told: self.told.clone(), log, since, holds }
     }
 }
 
-/// Since when changes are told here (s), by a process that has been `running` for so long: for a day at most. By the clock as it is
-/// `now`, because what it showed at the start says nothing once it was set.
-pub(super) fn told_since(now: f64, running: Duration) -> f64 {
-    now - running.as_secs_f64().min(NEWS_S)
-}
+/// What alarms did, the last of it, as [`Alone::untold`] takes it.
+pub(super) type Log = Box<dyn Fn() -> Vec<Arc<AlarmChange>> + Send + Sync>;
 
 /// What is known of changes while they are forwarded.
-#[derive(Clone, Debug)]
 pub(super) struct Told {
     heard: Arc<Keys>,
     told: Arc<Keys>,
+    log: Log,
     /// What happened before this is not told here (s).
     since: f64,
     /// This edge tells people: what it still has to tell is forwarded after that, so that it says whether people know.
@@ -116,31 +112,39 @@ pub(super) struct Told {
 }
 
 impl Told {
+    /// What the changes since the start are known by: they may be told here. Stamps do not tell which those are, since the clock may
+    /// have been set. It is asked after rows were read, so that it has the changes of all of them.
+    pub(super) fn own(&self) -> HashSet<Key> {
+        (self.log)().iter().filter(|change| !change.told).map(|change| key(change)).collect()
+    }
+
     /// Whether people were told of the change here.
     pub(super) fn is_told(&self, row: &TransitionRow) -> bool {
         known_by(row).is_some_and(|key| self.told.has(&key))
     }
 
-    /// Whether it may still be told here.
-    pub(super) fn is_of_now(&self, row: &TransitionRow) -> bool {
-        row.at >= self.since
-    }
-
-    /// Whether a change is not to be forwarded yet.
-    pub(super) fn is_held(&self, row: &TransitionRow) -> bool {
-        let is_new = |key: Key| !self.told.has(&key) && !self.heard.has(&key);
-        self.holds && self.is_of_now(row) && known_by(row).is_some_and(is_new)
+    /// Whether a change is not to be forwarded yet; `own`: what those since the start are known by.
+    pub(super) fn is_held(&self, row: &TransitionRow, own: &HashSet<Key>) -> bool {
+        let is_new = |key: Key| own.contains(&key) && !self.told.has(&key) && !self.heard.has(&key);
+        self.holds && row.at >= self.since && known_by(row).is_some_and(is_new)
     }
 }
 
+/// Of some rows, what the changes since the start are known by: others are not told here, and a store that is sent from the first on
+/// would push out those that are.
+pub(super) fn known_of(rows: &[(i64, TransitionRow)], own: &HashSet<Key>) -> Vec<Key> {
+    rows.iter().filter_map(|(_, row)| known_by(row)).filter(|key| own.contains(key)).collect()
+}
+
 /// What the change of a row is known by; `None` for one that this version does not know.
-pub(super) fn known_by(row: &TransitionRow) -> Option<Key> {
+fn known_by(row: &TransitionRow) -> Option<Key> {
     let id = AlarmId::new(LoopId::new(row.control_loop.as_str()), Kind::named(&row.kind)?);
     Some((id, row.at.to_bits(), State::named(&row.after)?))
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::teller::NEWS_S;
     use super::*;
     use crate::alarm::Transition;
 
@@ -162,6 +166,11 @@ mod tests {
             by: None,
             comment: None,
         }
+    }
+
+    fn log_of(changes: &[Arc<AlarmChange>]) -> Log {
+        let changes = changes.to_vec();
+        Box::new(move || changes.clone())
     }
 
     fn times(changes: &[Arc<AlarmChange>]) -> Vec<f64> {
@@ -195,25 +204,36 @@ mod tests {
         assert_eq!(times(&alone.untold(&log)), [11.0, 12.0], "what was before the start is known");
         alone.told(&one);
         assert_eq!(times(&alone.untold(&log)), [12.0]);
-        let told = alone.so_far(10.0, true);
+        let told = alone.so_far(log_of(&log), 0.0, true);
         let rows = [row(&before), row(&one), row(&two)];
-        assert_eq!(rows.each_ref().map(|row| told.is_held(row)), [false, false, true]);
+        let own = told.own();
+        assert_eq!(rows.each_ref().map(|row| told.is_held(row, &own)), [false, false, true]);
         assert_eq!(rows.each_ref().map(|row| told.is_told(row)), [false, true, false]);
-        // Where nobody can be told, nothing waits for it.
-        assert!(!alone.so_far(10.0, false).is_held(&row(&two)));
+        // Where nobody can be told, and of what is long ago, nothing waits for it.
+        assert!(!alone.so_far(log_of(&log), 0.0, false).is_held(&row(&two), &own));
+        assert!(!alone.so_far(log_of(&log), 13.0, true).is_held(&row(&two), &own));
     }
 
     #[test]
-    fn an_edge_that_started_with_a_fast_clock_marks_what_is_forwarded_after_that_was_set_back() {
-        let minute = Duration::from_secs(60);
-        // It started by 10,000 s, was set back to 1,000 s after half a minute, and a change came then.
-        let new = change(1_010.0);
-        let alone = Alone::default();
-        let told = alone.so_far(told_since(1_030.0, minute), true);
-        assert!(told.is_of_now(&row(&new)) && told.is_held(&row(&new)));
-        // What was there before the start is not told here, and nothing of more than a day ago is.
-        assert!(!told.is_of_now(&row(&change(969.0))));
-        assert_eq!(told_since(1e6, 10_000 * minute), 1e6 - NEWS_S);
+    fn a_clock_that_was_set_does_not_change_what_is_of_before_the_start() {
+        // It was ahead before the start and after it, and was set back to 1,000 s then.
+        let before = Arc::new(AlarmChange { told: true, ..AlarmChange::clone(&change(10_000.0)) });
+        let log = [change(1_010.0), change(10_010.0), before];
+        let told = Alone::default().so_far(log_of(&log), 1_030.0 - NEWS_S, true);
+        let own = told.own();
+        assert_eq!(log.each_ref().map(|change| told.is_held(&row(change), &own)), [true, true, false]);
+    }
+
+    #[test]
+    fn what_was_forwarded_while_the_clock_was_ahead_is_not_told_again_when_that_is_set_back() {
+        for ahead_s in [600.0, 2.0 * NEWS_S] {
+            let (log, mut alone) = ([change(1_010.0)], Alone::default());
+            let told = alone.so_far(log_of(&log), 1_020.0 + ahead_s - NEWS_S, false);
+            let own = told.own();
+            alone.forwarded(known_of(&log.each_ref().map(|change| (1, row(change))), &own));
+            [false, true].into_iter().for_each(|is_new| alone.looked(is_new));
+            assert!(alone.untold(&log).is_empty(), "a centre has heard of it: {ahead_s}");
+        }
     }
 
     #[test]

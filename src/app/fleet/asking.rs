@@ -72,6 +72,11 @@ impl Asking {
         *self.own.write().unwrap_or_else(PoisonError::into_inner) = loops;
     }
 
+    /// Windows that wait for an answer.
+    pub(super) fn waiting(&self) -> u64 {
+        lock(&self.pending).len() as u64
+    }
+
     async fn ask(&self, asked: Asked) -> Option<Told> {
         let link = self.link.get().filter(|link| link.is_up())?;
         let own = self.own.read().unwrap_or_else(PoisonError::into_inner).contains(&asked.id);
@@ -151,8 +156,8 @@ mod tests {
             told.await.ok()
         });
         assert!(waits.as_mut().now_or_never().is_none(), "nobody answers");
-        assert_eq!(lock(&asking.pending).len(), 1);
+        assert_eq!(asking.waiting(), 1);
         drop(waits);
-        assert!(lock(&asking.pending).is_empty());
+        assert_eq!(asking.waiting(), 0);
     }
 }

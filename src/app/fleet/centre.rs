@@ -189,11 +189,12 @@ impl Fleet {
                     Ok(messages) => messages,
                     Err(error) => break self.rest(&error, "no samples are taken").await,
                 };
+                let last = messages.last().map(|own| own.taken_at().unwrap_or_else(|| self.server_now()));
+                self.note_lag(last, order.waiting() > 0 || !reading.has_caught_up());
                 let mut guard = self.taking.read().await;
                 let mut history = self.scene.borrow().history.clone();
                 let (mut done, mut pushed) = (Vec::new(), 0);
                 for message in messages {
-                    self.lag(message.taken_at().map_or(0.0, |taken| self.server_now() - taken));
                     let own = (message.subject(), message.sequence());
                     if !early.is_next(&mut order, own, self.clock.elapsed()) {
                         self.put_off(&message, &mut order).await;
@@ -223,6 +224,16 @@ impl Fleet {
                 order.stood_still(blocked);
                 early.stood_still(blocked);
             }
+        }
+    }
+
+    /// Notes how far behind samples are taken: by the age of the last message that came, which its stream took at `last` (s). Where
+    /// none came and none `waits` it is nothing, however old the last one was: its edge may have stopped.
+    fn note_lag(&self, last: Option<f64>, waits: bool) {
+        match last {
+            Some(taken) => self.lag(self.server_now() - taken),
+            None if waits => {}
+            None => self.lag(0.0),
         }
     }
 
@@ -415,7 +426,20 @@ pub(super) async fn begin(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::app::fleet::tests::centre;
     use std::sync::atomic::AtomicBool;
+
+    #[test]
+    fn a_centre_that_has_taken_everything_is_not_behind_however_old_the_last_message_was() {
+        let (fleet, _results) = centre("north:FIC1");
+        let lag_ms = || fleet.lag_ms.load(Relaxed);
+        fleet.note_lag(Some(fleet.server_now() - 600.0), false);
+        assert!((599_000..700_000).contains(&lag_ms()), "{} ms", lag_ms());
+        fleet.note_lag(None, true);
+        assert!(lag_ms() >= 599_000, "more is still to come");
+        fleet.note_lag(None, false);
+        assert_eq!(lag_ms(), 0);
+    }
 
     #[test]
     fn a_number_that_a_server_uses_again_is_another_message() {

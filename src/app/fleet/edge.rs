@@ -1,7 +1,7 @@
 //! An edge: forwards what it measured and found, hears what the centre wants, and tells people by itself while it reaches no
 //! centre.
 
-use super::alone::{Alone, Told, told_since};
+use super::alone::{Alone, Told};
 use super::announcing::Announcing;
 use super::centre::Taken;
 use super::forward::{Came, Forward};
@@ -49,12 +49,12 @@ impl Fleet {
         };
         tokio::join!(
             stop.run_until_cancelled(hearing),
-            stop.run_until_cancelled(self.forwarding(link)),
+            stop.run_until_cancelled(self.forwarding(link, app)),
             stop.run_until_cancelled(self.obeying(link, app)),
         );
     }
 
-    async fn forwarding(&self, link: &Link) {
+    async fn forwarding(&self, link: &Link, app: &App) {
         let Some(store) = self.scene.borrow().config.store.clone() else { return };
         let mut own = Forwarding::new(&self.site, &self.name, self.clock.elapsed());
         loop {
@@ -62,6 +62,7 @@ impl Fleet {
             self.asking.keep(writing(&scene.config));
             own.watch(&scene);
             let now = self.clock.elapsed();
+            own.watch_store(app.persistence.fails(), now);
             let lease = link.lease().await;
             let answers = lease.is_ok();
             match lease {
@@ -87,7 +88,9 @@ impl Fleet {
                 let _receivers = self.receivers.read().await;
                 self.outlet.is_heard()
             };
-            let told = own.known.so_far(told_since(self.clock.now(), self.clock.elapsed()), holds);
+            let results = self.results.clone();
+            let log = Box::new(move || results.alarm_log());
+            let told = own.known.so_far(log, self.clock.now() - NEWS_S, holds);
             let pause = self.round(link, (&scene, &store), &mut own, (told, answers)).await;
             self.lag(self.clock.elapsed().saturating_sub(own.done).as_secs_f64());
             tokio::time::sleep(pause).await;
@@ -184,7 +187,7 @@ impl Fleet {
         }
     }
 
-    /// Whether this edge tells people by itself, after no centre was seen for so long.
+    /// Whether this edge tells people by itself, after no centre heard of its alarms for so long.
     fn is_alone(&self, silent: Duration) -> bool {
         let alone = silent.as_secs_f64() > self.config.cut_off_after_s;
         if self.outlet.speak(alone) {
@@ -366,6 +369,8 @@ struct Forwarding {
     gone: bool,
     /// Since when no alarm is forwarded, or the store cannot be read for them.
     unheard_since: Option<Duration>,
+    /// Since when the store takes nothing.
+    unwritten_since: Option<Duration>,
     /// When all that was new had been forwarded last.
     done: Duration,
     /// What is watched.
@@ -383,6 +388,7 @@ impl Forwarding {
             seen: None,
             gone: false,
             unheard_since: None,
+            unwritten_since: None,
             done: now,
             scene: None,
         }
@@ -410,7 +416,14 @@ impl Forwarding {
     fn unheard_for(&self, now: Duration) -> Duration {
         let since = |then: Duration| now.saturating_sub(then);
         let silent = since(self.seen.as_ref().map_or(Duration::ZERO, |(_, since)| *since));
-        silent.max(self.unheard_since.map_or(Duration::ZERO, since))
+        let unheard = self.unheard_since.map_or(Duration::ZERO, since);
+        silent.max(unheard).max(self.unwritten_since.map_or(Duration::ZERO, since))
+    }
+
+    /// Whether the store fails at `now`: an alarm that it does not take is in memory alone, and is forwarded to no centre, whatever
+    /// lease there is.
+    fn watch_store(&mut self, fails: bool, now: Duration) {
+        self.unwritten_since = fails.then(|| self.unwritten_since.unwrap_or(now));
     }
 }
 
@@ -452,54 +465,4 @@ fn writing(config: &crate::config::Config) -> std::collections::HashSet<LoopId> 
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::alarm::State;
-    use crate::app::fleet::tests::edge;
-
-    #[test]
-    fn an_order_for_another_edge_with_a_loop_of_the_same_name_is_not_done() {
-        let (fleet, results) = edge("FIC1");
-        let obey = |edge: &str| {
-            let order = Action {
-                subject: "FIC1".to_string(),
-                kind: "stiction".to_string(),
-                action: "take_out".to_string(),
-                edge: edge.to_string(),
-                ..Action::default()
-            };
-            fleet.obey(&order, 0.0, &mut Obeyed::default());
-            results.alarm(&AlarmId::named("FIC1"), fleet.clock.now()).map(|own| own.state)
-        };
-        assert_eq!(obey("another"), Some(State::Normal));
-        assert_eq!(obey(&fleet.name), Some(State::OutOfService));
-    }
-
-    #[tokio::test]
-    async fn what_nobody_has_heard_of_is_still_to_be_told() {
-        let (fleet, results) = edge("FIC1");
-        let (mut known, mut handed) = (Alone::default(), Handed::new());
-        results.watch_trip(&LoopId::new("FIC1"), Some("a fault".into()), fleet.clock.now());
-        fleet.tell(&mut known, &mut handed).await;
-        assert!(handed.is_empty() && !fleet.outlet.is_heard());
-        assert_eq!(known.untold(&results.alarm_log()).len(), 1, "there is no receiver");
-        // The store of this edge is nowhere.
-        let receiver = fleet.outlet.kept_by_a_task();
-        fleet.tell(&mut known, &mut handed).await;
-        assert!(handed.is_empty() && known.untold(&results.alarm_log()).is_empty());
-        receiver.abort();
-    }
-
-    #[tokio::test]
-    async fn what_receivers_have_when_a_centre_is_back_is_told() {
-        let (fleet, results) = edge("FIC1");
-        let mut known = Alone::default();
-        results.watch_trip(&LoopId::new("FIC1"), Some("a fault".into()), fleet.clock.now());
-        let receiver = fleet.outlet.kept_by_a_task();
-        let mut handed = fleet.hand(&known, &Vec::new()).await;
-        assert_eq!((handed.len(), known.untold(&results.alarm_log()).len()), (1, 1));
-        fleet.note_kept(&mut known, &mut handed).await;
-        assert!(handed.is_empty() && known.untold(&results.alarm_log()).is_empty());
-        receiver.abort();
-    }
-}
+mod tests;

@@ -1,12 +1,12 @@
 //! How an edge forwards what it found: what happened to its alarms, how they stand, and its diagnoses, from its store and by their
 //! numbers there. How far that has come is in a stream, with the place of the last message, see [`progress`](super::progress).
 
-use super::alone::{Told, known_by};
+use super::alone::{Told, known_of};
 use super::forward::{Came, HEAD_BYTES, ROUND_BYTES, of_store};
 use super::progress::{Place, Way};
 use super::teller::Key;
 use crate::fleet::convert;
-use crate::fleet::link::{Link, LinkError, Outgoing};
+use crate::fleet::link::{Link, LinkError, Outgoing, StreamState};
 use crate::fleet::message::{Alarm, AlarmState, Cursor, Diagnosis, States};
 use crate::fleet::streams::{ALARMS, DIAGNOSES, LATEST, STATE_MESSAGE, STATES};
 use crate::fleet::subject::{Subject, What};
@@ -62,8 +62,8 @@ pub(super) struct Found {
     diagnoses: Way,
     /// The cursor as the stream has it, once that was asked for.
     noted: Option<Cursor>,
-    /// Whether the streams surely have what they had acknowledged.
-    is_sure: bool,
+    /// Whether the streams of alarms surely have what they had acknowledged, and whether that of diagnoses has.
+    are_sure: (bool, bool),
     /// The loops and collectors that are watched.
     subjects: Vec<String>,
     /// Those of them whose states the stream may not have.
@@ -110,7 +110,7 @@ impl Found {
 
     /// The server was away, and may have lost what it had acknowledged: it is asked before anything else is sent.
     pub(super) fn doubt(&mut self) {
-        self.is_sure = false;
+        self.are_sure = (false, false);
     }
 
     /// Forwards changes of alarms that are new.
@@ -124,7 +124,7 @@ impl Found {
         told: Told,
         now: Duration,
     ) -> Result<Came, LinkError> {
-        self.look(link).await?;
+        self.look_at_alarms(link).await?;
         let (edge, from) = (self.edge.clone(), self.changes.number());
         let read = of_store(config, "alarms", move |config| changes(&edge, config, from, &told)).await?;
         self.is_unread = read.is_none();
@@ -151,7 +151,7 @@ impl Found {
         config: &store::Config,
         now: Duration,
     ) -> Result<Came, LinkError> {
-        self.look(link).await?;
+        self.look_at_diagnoses(link).await?;
         let (edge, from) = (self.edge.clone(), self.diagnoses.number());
         let most = link.max_bytes().saturating_sub(HEAD_BYTES);
         let read = of_store(config, "diagnoses", move |config| diagnoses(&edge, config, from, most)).await?;
@@ -169,7 +169,7 @@ impl Found {
     /// # Errors
     /// [`LinkError`].
     pub(super) async fn states(&mut self, link: &Link, config: &store::Config) -> Result<Came, LinkError> {
-        self.look(link).await?;
+        self.look_at_alarms(link).await?;
         let some: Vec<String> = self.due.iter().take(STATES_AT_ONCE).cloned().collect();
         if some.is_empty() {
             return Ok(Came::Whole);
@@ -204,31 +204,45 @@ impl Found {
         Ok(())
     }
 
-    /// Where that is in doubt, asks the streams for what they had acknowledged. What they have lost is sent again.
-    async fn look(&mut self, link: &Link) -> Result<(), LinkError> {
-        if self.is_sure {
-            return Ok(());
+    /// Where that is in doubt, asks the streams of alarms for what they had acknowledged. What they have lost is sent again.
+    async fn look_at_alarms(&mut self, streams: &impl Ask) -> Result<(), LinkError> {
+        if !self.are_sure.0 {
+            self.take_cursor(streams).await?;
+            look_at(streams, ALARMS, &self.edge, &mut self.changes).await?;
+            self.look_at_states(streams).await?;
+            self.are_sure.0 = true;
         }
+        Ok(())
+    }
+
+    /// The same of diagnoses: the last of them is fetched for that, which may be long, and no alarm waits for it.
+    async fn look_at_diagnoses(&mut self, streams: &impl Ask) -> Result<(), LinkError> {
+        if !self.are_sure.1 {
+            self.take_cursor(streams).await?;
+            look_at(streams, DIAGNOSES, &self.edge, &mut self.diagnoses).await?;
+            self.are_sure.1 = true;
+        }
+        Ok(())
+    }
+
+    /// Asks how far everything had come before the start, once.
+    async fn take_cursor(&mut self, streams: &impl Ask) -> Result<(), LinkError> {
         if self.noted.is_none() {
             let subject = self.edge.subject(&self.edge.name, What::Cursor);
-            let last = link.last(LATEST, &subject).await?;
+            let last = streams.last(LATEST, &subject).await?;
             let noted = last.and_then(|(_, body)| weights::read::<Cursor>(&subject, body));
             let cursor = noted.unwrap_or_default();
             (self.changes, self.diagnoses) = (Way::from(cursor.changes), Way::from(cursor.diagnoses));
             self.noted = Some(cursor);
         }
-        look_at(link, ALARMS, &self.edge, &mut self.changes).await?;
-        look_at(link, DIAGNOSES, &self.edge, &mut self.diagnoses).await?;
-        self.look_at_states(link).await?;
-        self.is_sure = true;
         Ok(())
     }
 
     /// Each message of states stays until this edge sends another of the same loop. So where the last is gone others may be, too.
-    async fn look_at_states(&mut self, link: &Link) -> Result<(), LinkError> {
-        let made = link.state(STATES).await?.made;
+    async fn look_at_states(&mut self, streams: &impl Ask) -> Result<(), LinkError> {
+        let made = streams.state(STATES).await?.made;
         if let (before, Some((subject, sequence))) = &self.states {
-            let there = link.at(STATES, *sequence).await?;
+            let there = streams.at(STATES, *sequence).await?;
             if *before != made || there.is_none_or(|(own, _)| own != *subject) {
                 self.due = self.subjects.iter().cloned().collect();
             }
@@ -252,11 +266,40 @@ impl Found {
     }
 }
 
+/// What streams are asked about what they had acknowledged, as [`Link`] asks it.
+trait Ask: Sync {
+    fn last(
+        &self,
+        stream: &str,
+        subject: &str,
+    ) -> impl Future<Output = Result<Option<(u64, Vec<u8>)>, LinkError>> + Send;
+    fn state(&self, stream: &str) -> impl Future<Output = Result<StreamState, LinkError>> + Send;
+    fn at(
+        &self,
+        stream: &str,
+        sequence: u64,
+    ) -> impl Future<Output = Result<Option<(String, Vec<u8>)>, LinkError>> + Send;
+}
+
+impl Ask for Link {
+    async fn last(&self, stream: &str, subject: &str) -> Result<Option<(u64, Vec<u8>)>, LinkError> {
+        Link::last(self, stream, subject).await
+    }
+
+    async fn state(&self, stream: &str) -> Result<StreamState, LinkError> {
+        Link::state(self, stream).await
+    }
+
+    async fn at(&self, stream: &str, sequence: u64) -> Result<Option<(String, Vec<u8>)>, LinkError> {
+        Link::at(self, stream, sequence).await
+    }
+}
+
 /// Asks a stream for what it had acknowledged.
-async fn look_at(link: &Link, stream: &str, edge: &Edge, way: &mut Way) -> Result<(), LinkError> {
-    let state = link.state(stream).await?;
+async fn look_at(streams: &impl Ask, stream: &str, edge: &Edge, way: &mut Way) -> Result<(), LinkError> {
+    let state = streams.state(stream).await?;
     let there = match way.sequence().filter(|sequence| *sequence <= state.last) {
-        Some(sequence) => link.at(stream, sequence).await?,
+        Some(sequence) => streams.at(stream, sequence).await?,
         None => None,
     };
     let is_ours = there.map(|(subject, body)| edge.has_sent(&subject, body, way.number()));
@@ -290,15 +333,17 @@ fn changes(edge: &Edge, config: &store::Config, from: u64, told: &Told) -> Resul
     let mut news =
         News { last: begin(from, |after, most| reader.transitions(after, most))?, ..News::default() };
     let mut rows = reader.transitions(i64::try_from(news.last).unwrap_or(i64::MAX), ROWS)?;
-    let free = rows.iter().take_while(|(_, row)| !told.is_held(row)).count();
+    if rows.is_empty() {
+        return Ok(news);
+    }
+    let own = told.own();
+    let free = rows.iter().take_while(|(_, row)| !told.is_held(row, &own)).count();
     rows.truncate(free);
     if rows.is_empty() {
         return Ok(news);
     }
     news.more = rows.len() == ROWS;
-    // Older ones are not told here, and a store that is sent from the first on would push out those that are.
-    let of_now = rows.iter().filter(|(_, row)| told.is_of_now(row));
-    news.known = of_now.filter_map(|(_, row)| known_by(row)).collect();
+    news.known = known_of(&rows, &own);
     // Asked after the changes: a state is never older than the change beside it.
     let states = reader.alarms()?;
     let changed: BTreeSet<String> = rows.iter().map(|(_, row)| row.control_loop.clone()).collect();
@@ -386,74 +431,4 @@ fn states_of(edge: &Edge, subjects: impl IntoIterator<Item = String>, rows: &[Al
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::fleet::message::Run;
-
-    fn edge() -> Edge {
-        Edge { site: "north".into(), name: "e1".into() }
-    }
-
-    fn row(name: &str, kind: &str) -> AlarmRow {
-        AlarmRow { control_loop: name.into(), kind: kind.into(), active: true, ..AlarmRow::default() }
-    }
-
-    #[test]
-    fn every_loop_says_how_all_of_its_alarms_stand_also_one_that_has_none() {
-        let rows = [row("FIC1", "stiction"), row("FIC1", "f_rising"), row("old", "stiction")];
-        let messages = states_of(&edge(), ["FIC1", "FIC2"].map(String::from), &rows);
-        let read = |at: usize| {
-            let message: &Outgoing = &messages[at];
-            assert!(!message.once, "the last one counts, also where it says what an earlier one had said");
-            let own: States = weights::read(&message.subject, message.body.clone()).expect("ours");
-            let kinds: Vec<String> = own.alarms.into_iter().map(|own| own.kind).collect();
-            (message.subject.as_str(), own.edge, kinds)
-        };
-        let both = ["stiction", "f_rising"].map(String::from).to_vec();
-        assert_eq!(read(0), ("stictiond.v1.north.FIC1.state.e1", "e1".to_string(), both));
-        // It takes the place of what an edge had said that has lost its disk since.
-        assert_eq!(read(1), ("stictiond.v1.north.FIC2.state.e1", "e1".to_string(), Vec::new()));
-        assert_eq!(messages.len(), 2, "the old loop is not watched any more");
-    }
-
-    #[test]
-    fn a_state_that_no_stream_takes_keeps_no_other_back() {
-        let long = AlarmRow { comment: Some("x".repeat(STATE_MESSAGE as usize)), ..row("FIC1", "stiction") };
-        let messages = states_of(&edge(), ["FIC1", "FIC2"].map(String::from), &[long]);
-        assert_eq!(messages.len(), 1);
-        assert!(messages.iter().all(|own| own.body.len() < STATE_MESSAGE as usize));
-    }
-
-    #[test]
-    fn a_message_under_a_number_that_was_used_again_is_another_s() {
-        let own = edge();
-        let subject = |what| own.subject("FIC1", what);
-        let alarm =
-            |edge: &str, number| Alarm { edge: edge.into(), number, ..Alarm::default() }.encode_to_vec();
-        assert!(own.has_sent(&subject(What::Alarm), alarm("e1", 7), 7));
-        assert!(!own.has_sent(&subject(What::Alarm), alarm("e1", 8), 7));
-        assert!(!own.has_sent(&subject(What::Alarm), alarm("e2", 7), 7));
-        let run = Some(Run::default());
-        let found = Diagnosis { edge: "e1".into(), number: 7, run, ..Diagnosis::default() };
-        assert!(own.has_sent(&subject(What::Diagnosis), found.encode_to_vec(), 7));
-        assert!(!own.has_sent(&subject(What::Samples), alarm("e1", 7), 7));
-        assert!(!own.has_sent(&subject(What::Alarm), b"\xff".to_vec(), 7));
-    }
-
-    #[test]
-    fn a_store_that_was_made_anew_is_read_from_its_first_row_on() {
-        let rows = |last: i64| {
-            move |after: i64, most: usize| -> Result<Vec<(i64, ())>, StoreError> {
-                Ok((1..=last)
-                    .filter(|number| *number > after)
-                    .map(|number| (number, ()))
-                    .take(most)
-                    .collect())
-            }
-        };
-        assert_eq!(begin(0, rows(0)).expect("readable"), 0);
-        assert_eq!(begin(9, rows(9)).expect("readable"), 9);
-        assert_eq!(begin(9, rows(20)).expect("readable"), 9);
-        assert_eq!(begin(9, rows(8)).expect("readable"), 0);
-    }
-}
+mod tests;

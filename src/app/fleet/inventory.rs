@@ -11,6 +11,7 @@ use crate::fleet::message::{Hello, Loop, Tag};
 use crate::fleet::streams::LATEST;
 use crate::fleet::subject::{Subject, of_site};
 use crate::signal::{LoopId, Role};
+use crate::work::CostConfig;
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -32,6 +33,8 @@ pub(super) fn hello(scene: &Scene, collectors: Vec<String>) -> Hello {
         op_high: own.op_limits.map(|[_, high]| high),
         tags: sources(scene, own),
         upstream: own.upstream.clone(),
+        cost_per_sd: own.cost.as_ref().map(|cost| cost.per_sd),
+        cost_unit: own.cost.as_ref().map(|cost| cost.unit.clone()).unwrap_or_default(),
     };
     Hello { loops: config.loops.iter().map(described).collect(), collectors }
 }
@@ -222,6 +225,7 @@ fn loop_config(site: &str, id: &str, own: &Loop) -> Option<LoopConfig> {
     };
     let roles = [Role::Op, Role::Pv, Role::Sp, Role::Mode, Role::Mv, Role::Term].map(Role::as_str);
     let others = own.tags.iter().filter(|tag| !roles.contains(&tag.name.as_str()));
+    let cost = |per_sd| CostConfig { per_sd, unit: own.cost_unit.clone() };
     let limits = own.op_low.zip(own.op_high).map(|(low, high)| [low, high]);
     Some(LoopConfig {
         id: id.to_string(),
@@ -239,7 +243,7 @@ fn loop_config(site: &str, id: &str, own: &Loop) -> Option<LoopConfig> {
         upstream: own.upstream.iter().map(|other| of_site(site, other)).collect(),
         frozen_pv_s: None,
         candidates: None,
-        cost: None,
+        cost: own.cost_per_sd.map(cost).filter(|cost| cost.validate().is_empty()),
         writeback: None,
     })
 }
@@ -251,6 +255,7 @@ mod tests {
     use crate::app::fleet::tests::centre;
     use crate::fleet::announcement::split;
     use crate::fleet::subject::What;
+    use prost::Message;
 
     /// What a centre hears of the list of an edge that has so many bytes.
     fn hear(lists: &mut Lists, edge: &Subject, bytes: usize) {
@@ -283,6 +288,39 @@ mod tests {
         assert_eq!((claims.owner("north:FIC1"), claims.owner("north:FIC2")), (Some("b"), None));
         assert!(claims.is_foreign("north:FIC1", "a", None) && claims.is_foreign("north:dcs", "a", None));
         assert!(!claims.is_foreign("north:dcs", "c", None), "it has a collector of its own under that name");
+    }
+
+    #[test]
+    fn the_price_of_a_loop_comes_to_the_centre_and_one_that_cannot_be_does_not() {
+        let cost = |per_sd, unit: &str| {
+            let tag = |name: &str| Tag { name: name.into(), ..Tag::default() };
+            let tags = ["op", "pv"].map(tag).into();
+            let own = Loop { cost_per_sd: per_sd, cost_unit: unit.into(), tags, ..Loop::default() };
+            // As it comes over the wire; an earlier version says nothing of prices.
+            let own = Loop::decode(&own.encode_to_vec()[..]).expect("ours");
+            loop_config("north", "north:FIC1", &own).expect("it has op and pv").cost
+        };
+        let told = CostConfig { per_sd: 12.5, unit: "EUR/day".into() };
+        assert_eq!(cost(Some(12.5), "EUR/day"), Some(told));
+        assert_eq!(cost(Some(0.0), ""), Some(CostConfig { per_sd: 0.0, unit: String::new() }));
+        assert_eq!(cost(None, ""), None);
+        for (per_sd, unit) in [(f64::NAN, ""), (-1.0, ""), (1.0, "a unit that is far too long")] {
+            assert_eq!(cost(Some(per_sd), unit), None, "{per_sd} {unit}");
+        }
+    }
+
+    #[test]
+    fn an_edge_announces_the_price_of_its_loops() {
+        let (fleet, _results) = crate::app::fleet::tests::edge("FIC1");
+        let own = fleet.scene.borrow().clone();
+        let mut config = Config::clone(&own.config);
+        let mut priced = loop_config("north", "FIC1", &edge_of("FIC1", "dcs", 0.0).hello.loops[0])
+            .expect("it has op and pv");
+        priced.cost = Some(CostConfig { per_sd: 3.0, unit: "EUR/day".into() });
+        config.loops = vec![priced];
+        let scene = Scene { config: config.into(), history: own.history.clone() };
+        let said = hello(&scene, Vec::new());
+        assert_eq!((said.loops[0].cost_per_sd, said.loops[0].cost_unit.as_str()), (Some(3.0), "EUR/day"));
     }
 
     /// Where a tag is read that an edge has announced.

@@ -1,11 +1,12 @@
 //! Which of several centres acts.
 
 use super::teller::TELLER;
-use super::{Fleet, PAUSE};
+use super::{Fleet, PAUSE, lock};
 use crate::fleet::lease::{Lease, Seen, Step};
 use crate::fleet::link::{Link, LinkError};
 use crate::fleet::streams::{ALARMS, DIAGNOSES};
 use crate::fleet::subject::escaped;
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::Duration;
 
@@ -23,11 +24,23 @@ pub(super) struct Standing {
     /// Our epoch while we lead, and until when we do without another look (ms of a steady clock); 0 while we do not.
     epoch: AtomicU64,
     until_ms: AtomicU64,
+    /// Who wrote the lease that was seen last.
+    holder: Mutex<Option<String>>,
 }
 
 impl Standing {
     pub(super) fn new() -> Self {
-        Self { epoch: AtomicU64::new(0), until_ms: AtomicU64::new(0) }
+        Self { epoch: AtomicU64::new(0), until_ms: AtomicU64::new(0), holder: Mutex::default() }
+    }
+
+    /// The lease was seen like this.
+    fn saw(&self, lease: Option<&Seen>) {
+        *lock(&self.holder) = lease.map(|own| own.holder.clone());
+    }
+
+    /// Who wrote the lease that was seen last, where that is not `name`.
+    pub(super) fn other_than(&self, name: &str) -> Option<String> {
+        lock(&self.holder).clone().filter(|holder| holder != name)
     }
 
     /// Our epoch while we lead at `now`.
@@ -54,7 +67,7 @@ impl Fleet {
                 tokio::time::sleep(lasts / LOOKS).await;
             }
         };
-        tokio::join!(looking, self.purging(link));
+        tokio::join!(looking, self.purging(link), self.measuring(link));
     }
 
     /// Deletes diagnoses and alarms that every centre has, and of which people are told; samples go when there is no room.
@@ -86,6 +99,7 @@ impl Fleet {
 
     async fn look(&self, link: &Link, lease: &mut Lease) -> Result<(), LinkError> {
         let last = link.lease().await?;
+        self.standing.saw(last.as_ref());
         let now = self.clock.elapsed();
         if let Step::Write { after, epoch } = lease.look(last, now) {
             match link.write_lease(after, Seen::text(&self.name, epoch)).await {
@@ -127,4 +141,29 @@ impl Fleet {
 /// What a centre is called where it reads events.
 pub(super) fn reader(name: &str) -> String {
     format!("centre_{}", escaped(name))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::app::fleet::tests::{centre, edge};
+    use crate::serve::{FleetPort, Standby};
+
+    #[test]
+    fn a_centre_that_does_not_lead_names_the_one_that_does_and_people_act_everywhere_else() {
+        let (fleet, _results) = centre("north:FIC1");
+        let leader = |own: &str| Some(Standby { leader: Some(own.to_string()) });
+        assert_eq!(fleet.standby(), Some(Standby { leader: None }), "no lease was seen");
+        let lease = |holder: &str, sequence| Seen { sequence, holder: holder.into(), epoch: 0 };
+        fleet.standing.saw(Some(&lease("c1", 7)));
+        assert_eq!(fleet.standby(), leader("c1"));
+        // Our own lease has run out.
+        fleet.standing.saw(Some(&lease(&fleet.name, 8)));
+        assert_eq!(fleet.standby(), Some(Standby { leader: None }));
+        let mut own = Lease::new(&fleet.name, Duration::from_secs(60));
+        own.wrote(9, 0, fleet.clock.elapsed());
+        fleet.lead(&own);
+        assert_eq!(fleet.standby(), None, "we lead");
+        assert_eq!(edge("FIC1").0.standby(), None);
+    }
 }

@@ -4,10 +4,10 @@ use super::claims::{FORGOTTEN_S, Signs};
 use super::{Fleet, Role, lock};
 use crate::fleet::link::Link;
 use crate::fleet::message::Pulse;
-use crate::fleet::streams::LATEST;
+use crate::fleet::streams::{LATEST, WINDOWS};
 use crate::fleet::subject::{NO_SITE, Subject, What, all};
 use crate::fleet::weights;
-use crate::serve::{FleetPort, FleetSeen, Machine};
+use crate::serve::{FleetLoad, FleetPort, FleetSeen, Machine, Standby};
 use std::collections::BTreeMap;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
@@ -182,6 +182,23 @@ impl FleetPort for Fleet {
             connected: self.link.get().is_some_and(Link::is_up),
             tells: self.role == Role::Alone || self.outlet.speaks(),
             machines: lock(&self.machines).all.values().map(by_our_clock).collect(),
+        }
+    }
+
+    fn standby(&self) -> Option<Standby> {
+        let stands_by = self.role == Role::Centre && !self.leads();
+        stands_by.then(|| Standby { leader: self.standing.other_than(&self.name) })
+    }
+
+    fn load(&self) -> FleetLoad {
+        let streams = lock(&self.streams).clone();
+        FleetLoad {
+            own: self.machine(),
+            windows: match self.role {
+                Role::Edge => Some(self.asking.waiting()),
+                _ => streams.iter().find(|own| own.name == WINDOWS).map(|own| own.fill.messages),
+            },
+            streams: streams.iter().filter_map(|own| Some((own.name, own.fill.share()?))).collect(),
         }
     }
 

@@ -10,14 +10,13 @@ use crate::schedule::Asked;
 use crate::serve::dto::{BasisText, Report};
 use crate::signal::{LoopId, Record};
 use crate::store::{codec, unpack};
+use crate::version::BUILD;
 use std::sync::Arc;
 
 /// Samples of a window, of all its tags together: 5 MB where they are unpacked. An edge diagnoses what is longer by itself.
 const MOST_SAMPLES: usize = 200_000;
 /// Longest text about a window (bytes); it takes some thousand.
 const MOST_BASIS: usize = 1 << 20;
-/// Another version may find something else in the same window.
-const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// The message that asks for a diagnosis; `None` for what cannot be written, or would not be read.
 pub(super) fn of(asked: &Asked, answer_within_s: f64) -> Option<Window> {
@@ -30,13 +29,13 @@ pub(super) fn of(asked: &Asked, answer_within_s: f64) -> Option<Window> {
         started: asked.started,
         on_demand: asked.trigger == Trigger::OnDemand,
         answer_within_s,
-        version: VERSION.to_string(),
+        version: BUILD.to_string(),
     })
 }
 
-/// Whether a worker of this version may diagnose a window.
-pub(super) fn is_of_this_version(window: &Window) -> bool {
-    window.version == VERSION
+/// Whether a worker of this build may diagnose a window: another may find something else in it.
+pub(super) fn is_of_this_build(window: &Window) -> bool {
+    window.version == BUILD
 }
 
 /// What is to be diagnosed.
@@ -44,9 +43,9 @@ pub(super) fn is_of_this_version(window: &Window) -> bool {
 /// # Errors
 /// What does not fit together, in one line.
 pub(super) fn read(window: &Window) -> Result<(Basis, Record), String> {
-    if !is_of_this_version(window) {
+    if !is_of_this_build(window) {
         let asked = &window.version;
-        return Err(format!("it was asked by version {asked:?}, and this worker has version {VERSION:?}"));
+        return Err(format!("it was asked by version {asked:?}, and this worker has version {BUILD:?}"));
     }
     let text = Some(&window.basis).filter(|text| text.len() <= MOST_BASIS);
     let basis =
@@ -169,6 +168,6 @@ mod tests {
             read(&window).expect_err("it has no settings either")
         };
         assert!(why("9.9.9").contains("9.9.9") && why("").contains("version"), "{}", why(""));
-        assert!(!why(VERSION).contains("version \""), "{}", why(VERSION));
+        assert!(!why(BUILD).contains("version \""), "{}", why(BUILD));
     }
 }

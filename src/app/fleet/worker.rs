@@ -88,8 +88,8 @@ impl Fleet {
             tracing::warn!(target: LOG, subject, waited_s = waited, "a window has waited for too long, so it is left to others");
             return incoming.again(PAUSE).await;
         }
-        if !window::is_of_this_version(&window) && incoming.times_given() < ATTEMPTS {
-            // It is refused at once, so a worker of another version is always free: another may be of the right one.
+        if !window::is_of_this_build(&window) && incoming.times_given() < ATTEMPTS {
+            // It is refused at once, so a worker of another build is always free: another may be of the right one.
             return incoming.again(PAUSE).await;
         }
         let (id, began) = (LoopId::new(window.control_loop.as_str()), Instant::now());

@@ -169,9 +169,9 @@ impl Reading {
         self.consumer.cached_info().ack_floor.stream_sequence
     }
 
-    /// Whether everything has come that the stream had when this reading began.
+    /// Whether everything has come that the stream had when this reading began, with what was given before and not done.
     pub fn has_caught_up(&self) -> bool {
-        self.left == 0
+        self.left == 0 && self.again.is_over()
     }
 
     /// When the server made this reader (ns since the Unix epoch): it goes with its stream.

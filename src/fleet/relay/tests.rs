@@ -89,6 +89,29 @@ async fn our_client_is_let_through_under_its_name_and_nobody_else() {
 }
 
 #[tokio::test]
+async fn a_password_that_was_replaced_is_shown_at_the_next_connection() {
+    let file = std::env::temp_dir().join(format!("stictiond-relay-{}-password", std::process::id()));
+    let (listener, port) = listening().await;
+    let (user, password_file) = (Some("u".to_string()), Some(file.clone()));
+    let config = Config { user, password_file, ..config("nats", port) };
+    std::fs::write(&file, "old\n").unwrap();
+    let relay = Relay::start(&config, "a".into()).await.unwrap();
+    for password in ["old", "new"] {
+        std::fs::write(&file, format!("{password}\n")).unwrap();
+        let mut near = TcpStream::connect(relay.address).await.unwrap();
+        let (mut far, _) = listener.accept().await.unwrap();
+        far.write_all(b"INFO {}\r\n").await.unwrap();
+        line(&mut near).await;
+        // The client knows the one of the start.
+        let connect = format!("CONNECT {{\"name\":\"{}\",\"pass\":\"old\"}}\r\n", relay.secret());
+        near.write_all(connect.as_bytes()).await.unwrap();
+        let shown = format!("CONNECT {{\"name\":\"a\",\"pass\":\"{password}\",\"tls_required\":false}}\r\n");
+        assert_eq!(line(&mut far).await, shown);
+    }
+    std::fs::remove_file(file).unwrap();
+}
+
+#[tokio::test]
 async fn encrypted_to_who_is_trusted_and_to_nobody_else() {
     let ((own, acceptor), (other, _)) = (certificate("own"), certificate("other"));
     // Asked for by the server, and by us of a server that does not.

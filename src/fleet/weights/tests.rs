@@ -149,7 +149,8 @@ fn held(own: &Hello) -> usize {
         [&own.name, &own.source, &own.unit, &own.collector].into_iter().map(String::capacity).sum::<usize>()
     };
     let one = |own: &Loop| {
-        let named = [&own.id, &own.description, &own.group].into_iter().map(String::capacity).sum::<usize>();
+        let named = [&own.id, &own.description, &own.group, &own.cost_unit];
+        let named = named.into_iter().map(String::capacity).sum::<usize>();
         let tags = own.tags.capacity() * size_of::<Tag>() + own.tags.iter().map(tag).sum::<usize>();
         named + tags + texts(&own.upstream)
     };
