@@ -2,31 +2,35 @@
 //! found is shown, feeds the work list, and is kept as indicators of each loop.
 
 mod back;
+mod dead_time;
 mod health;
 pub(super) mod rows;
 mod said;
+mod swings;
 
 use super::persistence::Persistence;
 use super::silence::sources;
 use crate::config::Config;
 use crate::history::{History, TagKind};
-use crate::indicators::series::Values;
+use crate::indicators::series::{SCORE, Values};
 use crate::plantwide::window::{of_record, recent, silent_of};
-use crate::plantwide::{Analysis, Friction, Plant, PlantLoop, analyse};
+use crate::plantwide::{Analysis, Friction, LoopFound, Plant, PlantLoop, Untold, analyse};
 use crate::results::{Results, Summary};
 use crate::schedule::Clock;
 use crate::serve::report::GroupPictures;
-use crate::serve::{GroupSeen, Health, Overview, PlantwidePort, WorkLine};
+use crate::serve::{CauseSeen, GroupSeen, Health, LoopLook, Overview, PlantwidePort, Standing, WorkLine};
 use crate::signal::{LoopId, Record, Role, Window};
 use crate::work::{self, Act, CostConfig, Measure, Order, Refusal, WorkList};
+pub use dead_time::DeadTime;
 use health::HealthLog;
-use said::{cost, said};
+use said::{LookSaid, cost, cost_of, said};
 use std::borrow::Cow;
 use std::collections::{BTreeSet, HashMap};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
+use swings::swings;
 use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 
@@ -37,6 +41,9 @@ const MOST_SAMPLES: usize = 4096;
 const RECENT_SAMPLES: usize = 3600;
 /// Groups that are drawn.
 const DRAWN: usize = 64;
+/// Loops whose indicators are kept in one go: whoever asks for any waits for no more than that, and so few have their days in memory
+/// twice.
+const AT_ONCE: usize = 64;
 /// How far back a look goes, where the rings go further (s): a repair is judged once a window has nothing of before it.
 const WEEK_S: f64 = 604_800.0;
 
@@ -50,6 +57,8 @@ pub(super) struct Plantwide {
     health: Mutex<HealthLog>,
     /// How every loop was by the latest look; of one that this could not look at nothing is known.
     measures: Mutex<HashMap<LoopId, Measure>>,
+    /// What the latest look at every loop found beside its indicators.
+    last: Mutex<HashMap<LoopId, LoopLook>>,
     overview: Mutex<Option<Arc<Overview>>>,
     looking: AtomicBool,
     wanted: Notify,
@@ -113,13 +122,16 @@ struct LiveLoop<'a> {
     from: f64,
     op_moves: bool,
     pv_moves: bool,
+    /// Dead time of its process that its Harris index is for (s).
+    dead_time_s: Option<f64>,
 }
 
 impl<'a> LiveLoop<'a> {
     /// Of a window whose stamps are so far ahead of our clock (s).
     fn new(of: &'a WatchedLoop, window: &Window, ahead_s: f64) -> Self {
         let moves = |x: &[f64]| x.windows(2).any(|w| w[0] != w[1]);
-        Self { of, from: window.t0 - ahead_s, op_moves: moves(&window.op), pv_moves: moves(&window.pv) }
+        let (op_moves, pv_moves) = (moves(&window.op), moves(&window.pv));
+        Self { of, from: window.t0 - ahead_s, op_moves, pv_moves, dead_time_s: None }
     }
 }
 
@@ -135,13 +147,18 @@ impl Plant for Live<'_> {
         let mut of = of.and_then(Result::ok).unwrap_or_default();
         of.name = own.id.to_string();
         of.upstream.clone_from(&own.upstream);
-        of.friction = self.results.get(&own.id, self.at.now).and_then(|known| friction_of(&known.summary?));
+        of.dead_time_s = self.loops[at].dead_time_s;
+        let summary = self.results.get(&own.id, self.at.now).and_then(|known| known.summary);
+        of.friction = summary.as_ref().and_then(friction_of);
+        of.untold = summary.as_ref().and_then(untold_of);
         Cow::Owned(of)
     }
 
     fn recent(&self, at: usize, hour_s: f64) -> Option<PlantLoop> {
         let of = |name: &str, record: &Record| recent(name, record, hour_s, RECENT_SAMPLES);
-        of_rings(self.history, &self.loops[at].of.id, self.at, of)?.ok()
+        let own = &self.loops[at];
+        let of = of_rings(self.history, &own.of.id, self.at, of)?.ok()?;
+        Some(PlantLoop { dead_time_s: own.dead_time_s, ..of })
     }
 }
 
@@ -211,6 +228,7 @@ impl Plantwide {
             list: Mutex::default(),
             health: Mutex::default(),
             measures: Mutex::default(),
+            last: Mutex::default(),
             overview: Mutex::default(),
             looking: AtomicBool::new(false),
             wanted: Notify::new(),
@@ -222,6 +240,12 @@ impl Plantwide {
                 own.take_back(kept);
             }
         }));
+        let asked = Arc::downgrade(&own);
+        persistence.keep_again_by(Box::new(move || {
+            if let Some(own) = asked.upgrade() {
+                own.keep_again();
+            }
+        }));
         own
     }
 
@@ -231,13 +255,14 @@ impl Plantwide {
         let ids: BTreeSet<LoopId> = config.loops.iter().map(|own| LoopId::new(own.id.as_str())).collect();
         lock(&self.health).keep_only(&ids);
         lock(&self.measures).retain(|id, _| ids.contains(id));
+        lock(&self.last).retain(|id, _| ids.contains(id));
         let mut list = lock(&self.list);
         list.keep_only(&ids);
         if !config.plantwide.enabled {
             // No look will say any more how the plant swings.
             list.forget_victims(|_| true);
         }
-        self.results.swing(list.sources());
+        self.results.swing(swings(&list));
         drop(list);
         self.wanted.notify_one();
     }
@@ -288,7 +313,8 @@ impl Plantwide {
         for own in watched.loops.iter() {
             match window(&watched.history, &own.id, at) {
                 Some(Ok(of)) => {
-                    loops.push(LiveLoop::new(own, &of.window, at.ahead_s(&watched.history, &own.id)));
+                    let live = LiveLoop::new(own, &of.window, at.ahead_s(&watched.history, &own.id));
+                    loops.push(LiveLoop { dead_time_s: self.dead_time(&own.id, now), ..live });
                 }
                 Some(Err(why)) => skipped.push((own.id.clone(), why)),
                 None => {}
@@ -302,10 +328,12 @@ impl Plantwide {
         let there: BTreeSet<LoopId> = history.loops().iter().map(|own| own.id.clone()).collect();
         said.of_loops.retain(|own| there.contains(&own.id));
         said.measures.retain(|own| there.contains(&own.0));
-        self.keep_health(said.values, said.measures, now);
+        said.last.retain(|own| there.contains(&own.0));
+        let of_loops = std::mem::take(&mut said.of_loops);
+        self.keep_health(said, now);
         let mut list = lock(&self.list);
-        let changed = list.take(&said.of_loops, now, &watched.config);
-        self.results.swing(list.sources());
+        let changed = list.take(&of_loops, now, &watched.config);
+        self.results.swing(swings(&list));
         let moved = changed.iter().filter(|(_, moved)| moved.is_some()).count();
         let kept = changed.iter().flat_map(|(order, moved)| rows::order_rows(order, moved.as_ref()));
         // Noted while nobody else changes them, so that the last row of an order is how it is.
@@ -321,20 +349,28 @@ impl Plantwide {
             took_s,
             "plant looked at"
         );
-        *lock(&self.overview) = Some(Arc::new(Overview { at: now, took_s, looked_at, skipped, groups }));
+        let causes = causes(&found);
+        *lock(&self.overview) =
+            Some(Arc::new(Overview { at: now, took_s, looked_at, skipped, groups, causes }));
+    }
+
+    /// Dead time of a loop's process that its Harris index is for from now on (s).
+    fn dead_time(&self, id: &LoopId, now: f64) -> Option<f64> {
+        let before = lock(&self.health).dead_time(id);
+        dead_time::kept(before, self.results.get(id, now).and_then(|known| DeadTime::of(&known)))
     }
 
     /// Keeps the indicators of a look at `now` (s), and how the loops were by it.
-    fn keep_health(&self, values: Vec<(LoopId, Values)>, measures: Vec<(LoopId, Measure)>, now: f64) {
-        let mut health = lock(&self.health);
-        let keep = health.take(&values, now);
-        let mut own = lock(&self.measures);
-        *own = measures.into_iter().collect();
-        let today = |(id, part): &(LoopId, rows::Part)| {
-            rows::today_row(id, part, &own.get(id).copied().unwrap_or_default())
-        };
-        let days = keep.days.iter().map(|(id, days)| rows::health_row(id, days));
-        self.persistence.note_rows(days.chain(keep.parts.iter().map(today)).collect());
+    fn keep_health(&self, said: LookSaid, now: f64) {
+        *lock(&self.measures) = said.measures.into_iter().collect();
+        let mut last: HashMap<LoopId, LoopLook> = said.last.into_iter().collect();
+        for some in said.values.chunks(AT_ONCE) {
+            let mut health = lock(&self.health);
+            // Before anybody else asks, so that both are of one look.
+            lock(&self.last).extend(some.iter().filter_map(|(id, _)| last.remove_entry(id)));
+            let keep = health.take(some, now);
+            self.note_health(&keep, &lock(&self.measures));
+        }
     }
 
     /// Time between two looks (s).
@@ -363,6 +399,20 @@ pub fn friction_of(summary: &Summary) -> Option<Friction> {
     Some(Friction { sticks, probability: odds / (1.0 + odds), says })
 }
 
+/// Why a diagnosis says nothing of a loop's valve; `None` where it tells.
+pub fn untold_of(summary: &Summary) -> Option<Untold> {
+    let code = match summary.outcome.as_ref() {
+        "stiction" | "no_stiction" => return None,
+        outcome => summary.reason_code.as_deref().unwrap_or(outcome),
+    };
+    // What the method calls undersampled has another name for people.
+    let says = match summary.reason.strip_prefix("undersampled: ") {
+        Some(rest) => format!("sampled too slowly: {rest}"),
+        None => summary.reason.clone(),
+    };
+    Some(Untold { code: code.to_string(), says })
+}
+
 fn groups(plant: &dyn Plant, found: &Analysis) -> Vec<GroupSeen> {
     let id = |at: usize| LoopId::new(found.loops[at].name.as_str());
     let seen = |(number, group): (usize, &crate::plantwide::Group)| GroupSeen {
@@ -372,6 +422,23 @@ fn groups(plant: &dyn Plant, found: &Analysis) -> Vec<GroupSeen> {
         pictures: (number < DRAWN).then(|| GroupPictures::of(number, group, plant, found)),
     };
     found.groups.iter().enumerate().map(seen).collect()
+}
+
+/// Why loops are not at rest.
+fn causes(found: &Analysis) -> HashMap<LoopId, CauseSeen> {
+    let id = |of: &LoopFound| LoopId::new(of.name.as_str());
+    let seen = |of: &LoopFound| {
+        let reason = of.reason.as_ref()?;
+        let cause = CauseSeen {
+            name: reason.cause.as_str(),
+            probability: reason.probability,
+            why: reason.why.clone(),
+            neighbour: reason.neighbour.map(|at| id(&found.loops[at])),
+            causes: of.causes.iter().map(|own| (own.as_str(), own.probability)).collect(),
+        };
+        Some((id(of), cause))
+    };
+    found.loops.iter().filter_map(seen).collect()
 }
 
 impl PlantwidePort for Plantwide {
@@ -401,7 +468,7 @@ impl PlantwidePort for Plantwide {
     ) -> Option<Result<WorkLine, Refusal>> {
         let mut list = lock(&self.list);
         let acted = list.act(id, act, by, note, self.clock.now())?;
-        self.results.swing(list.sources());
+        self.results.swing(swings(&list));
         let acted = acted.map(|(order, moved)| {
             self.persistence.note_rows(rows::order_rows(&order, Some(&moved)));
             order
@@ -416,7 +483,16 @@ impl PlantwidePort for Plantwide {
     }
 
     fn health(&self, id: &LoopId) -> Option<Health> {
-        let period_s = self.period_s();
-        lock(&self.health).of(id, self.clock.now(), period_s)
+        let (period_s, now) = (self.period_s(), self.clock.now());
+        let log = lock(&self.health);
+        let (found, is_fresh) = (log.of(id, now, period_s)?, log.latest(id, now, period_s).is_some());
+        let last = lock(&self.last).get(id).filter(|_| is_fresh).cloned();
+        Some(Health { last, ..found })
+    }
+
+    fn standing(&self, id: &LoopId) -> Standing {
+        let score = self.latest(id).and_then(|values| values[SCORE]);
+        let costs = lock(&self.watched).costs.clone();
+        Standing { score, cost: cost_of(std::iter::once(id), &costs, &lock(&self.measures)) }
     }
 }

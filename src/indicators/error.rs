@@ -19,6 +19,8 @@ pub struct LoopError {
     pub ise: f64,
     /// Mean of |e| (PV).
     pub mean_absolute: f64,
+    /// Mean of e² (PV²).
+    pub mean_square: f64,
     /// Standard deviation of e (PV).
     pub sd: f64,
 }
@@ -60,6 +62,7 @@ pub fn measure(e: &[f64], ts: f64) -> Option<LoopError> {
         iae: ts * absolute,
         ise: ts * square,
         mean_absolute: absolute / e.len() as f64,
+        mean_square: square / e.len() as f64,
         sd: sd(e),
     })
 }
@@ -72,7 +75,8 @@ mod tests {
     fn by_hand() {
         let e = errors(&[1.0, 3.0, 2.0, 2.0], Some(&[2.0, 2.0, 2.0, 2.0]));
         let found = measure(&e, 10.0).expect("four samples");
-        assert_eq!((found.iae, found.ise, found.mean_absolute), (20.0, 20.0, 0.5));
+        assert_eq!((found.iae, found.ise), (20.0, 20.0));
+        assert_eq!((found.mean_absolute, found.mean_square), (0.5, 0.5));
         assert!((found.sd - 0.5f64.sqrt()).abs() < 1e-12);
         assert_eq!(errors(&[1.0, 3.0], None), [1.0, -1.0]);
         assert_eq!(measure(&[], 1.0), None);

@@ -34,6 +34,13 @@ pub struct Harris {
     pub interval: Option<(f64, f64)>,
 }
 
+/// The dead time of the index (samples) at a sample period of `ts` (s), where the process's own is `own_s` (s): one sample more than
+/// the whole number that is nearest to it, and one sample where its own is not known.
+pub fn samples(own_s: Option<f64>, ts: f64) -> usize {
+    // No record is so long that more would make a difference.
+    1 + own_s.map_or(0.0, |own_s| (own_s / ts).round()).clamp(0.0, f64::from(u16::MAX)) as usize
+}
+
 /// The index of the errors `e` with a dead time of `dead` samples (at least 1); none where the record is too short or does not move.
 pub fn harris(e: &[f64], dead: usize) -> Option<Harris> {
     let index = index(e, dead.max(1))?;
@@ -91,6 +98,9 @@ mod tests {
         let least: Vec<f64> = white.windows(2).map(|w| w[1] + 0.7 * w[0]).collect();
         let found = harris(&least, 2).expect("long enough");
         assert!(found.index > 0.98, "{found:?}");
+        // One sample before, 0.7 of the last one is known: 1 of 1.49 is left.
+        let found = harris(&least, 1).expect("long enough");
+        assert!((found.index - 1.0 / 1.49).abs() < 0.04, "{found:?}");
         let mut x = 0.0;
         let coloured: Vec<f64> = white
             .iter()
@@ -108,6 +118,15 @@ mod tests {
             assert!((found.index - theory).abs() < 0.05, "{dead}: {found:?} {theory}");
             assert!(low < theory && theory < high, "{dead}: {found:?} {theory}");
         }
+    }
+
+    #[test]
+    fn a_dead_time_is_as_many_samples_as_come_in_it_and_one_more() {
+        assert_eq!([Some(0.0), Some(3.0), Some(3.1), None].map(|own_s| samples(own_s, 1.0)), [1, 4, 4, 1]);
+        // As a model at 10 s has it, and at other sample periods.
+        assert_eq!([5.0, 10.0, 10.02, 60.0].map(|ts| samples(Some(20.0), ts)), [5, 3, 3, 1]);
+        assert_eq!([f64::NAN, -5.0].map(|own_s| samples(Some(own_s), 1.0)), [1; 2]);
+        assert_eq!(harris(&noise(500), samples(Some(f64::INFINITY), 1.0)), None);
     }
 
     #[test]

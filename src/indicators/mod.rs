@@ -2,7 +2,7 @@
 //!
 //! [`indicators`] takes them all from one window. What is not known is none: without a mode there is no service factor,
 //! without limits nothing is at one. Without a dead time the Harris index is that of one sample, which a loop with a longer one
-//! cannot reach: then it does not count in the score. Where good samples cover less than half of a window it has no values: what
+//! cannot reach: it does not count in the score. Where good samples cover less than half of a window it has no values: what
 //! is drawn through the rest was not measured.
 
 pub mod distribution;
@@ -28,9 +28,6 @@ use series::Values;
 use settling::Settling;
 use travel::Travel;
 
-/// Dead time of the Harris index (samples): nobody tells that of the process, so a loop is compared with itself over time.
-const DEAD: usize = 1;
-
 /// What is known of a loop beside its window.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Known<'a> {
@@ -53,6 +50,8 @@ pub struct Known<'a> {
     pub pv_blurred: bool,
     /// Whether most of the movement of OP is: then it is not known whether PV answers.
     pub op_blurred: bool,
+    /// Dead time of the process by a model of the loop, without the sample that passes before OP acts (s).
+    pub dead_time_s: Option<f64>,
 }
 
 /// The indicators of one loop over one window.
@@ -72,8 +71,12 @@ pub struct Indicators {
     pub error_mean: Option<f64>,
     /// Mean of PV (PV).
     pub pv_mean: Option<f64>,
-    /// The Harris index of one sample's dead time.
+    /// The Harris index for the dead time of the process and one sample; for one sample where that of the process is not known.
     pub harris: Option<Harris>,
+    /// The Harris index for one sample, by which causes are told: their weights are fitted on it.
+    pub harris_of_one: Option<Harris>,
+    /// Dead time of the process that `harris` is for (s); none where that is for one sample.
+    pub dead_time_s: Option<f64>,
     /// Oscillations of the error, the largest first.
     pub oscillations: Vec<Oscillation>,
     /// Share of the error's variance in them (0..1); none where the error is too short or does not move.
@@ -98,7 +101,8 @@ impl Indicators {
     #[must_use]
     pub fn with_recent(mut self, recent: &Self) -> Self {
         if self.measured {
-            (self.harris, self.stuck) = (recent.harris, recent.stuck);
+            (self.harris, self.harris_of_one) = (recent.harris, recent.harris_of_one);
+            (self.dead_time_s, self.stuck) = (recent.dead_time_s, recent.stuck);
             self.score = self.scored();
         }
         self
@@ -131,6 +135,13 @@ impl Indicators {
             measured(self.kept.quantisation),
             self.error_mean,
             self.pv_mean,
+            self.error_mean.and(self.error).map(|error| error.mean_square),
+            self.settling.and_then(|settling| settling.time_s),
+            self.oscillations.first().map(|own| own.regularity),
+            measured(self.kept.compression),
+            self.harris.and_then(|harris| harris.interval).map(|interval| interval.0),
+            self.harris.and_then(|harris| harris.interval).map(|interval| interval.1),
+            self.harris.and(self.dead_time_s),
         ]
         .map(|value: Option<f64>| value.filter(|x| x.is_finite()))
     }
@@ -155,7 +166,14 @@ pub fn indicators(window: &Window, known: &Known<'_>, transforms: &mut Transform
     let oscillations = oscillation::oscillations(&e, window.ts, transforms);
     let (moved, seen) = (window.mv.as_deref().unwrap_or(&window.op), known.seen.unwrap_or(covered));
     let is_missing = |k: usize| window.row(k) == Row::Missing;
-    let is_known = |k: usize| known.sp_known.is_none_or(|known| known.get(k) == Some(&true));
+    // Nor is it known how PV followed a step where it is drawn through a gap.
+    let is_known =
+        |k: usize| known.sp_known.is_none_or(|known| known.get(k) == Some(&true)) && !is_missing(k);
+    let harris_of_one = harris::harris(&e, 1);
+    let harris = match harris::samples(known.dead_time_s, window.ts) {
+        1 => harris_of_one,
+        dead => harris::harris(&e, dead),
+    };
     let swinging: f64 = oscillations.iter().map(|oscillation| oscillation.share).sum();
     let mut found = Indicators {
         measured: true,
@@ -165,7 +183,9 @@ pub fn indicators(window: &Window, known: &Known<'_>, transforms: &mut Transform
         error: error::measure(&e, window.ts),
         error_mean: sp.filter(|_| has_error).map(|_| mean(&e)),
         pv_mean: (!window.pv.is_empty()).then(|| mean(&window.pv)),
-        harris: harris::harris(&e, DEAD),
+        harris,
+        harris_of_one,
+        dead_time_s: known.dead_time_s.filter(|_| harris.is_some()),
         oscillations,
         swing: oscillation::can_tell(&e).then_some(swinging.clamp(0.0, 1.0)),
         settling: sp
@@ -189,6 +209,8 @@ pub fn indicators(window: &Window, known: &Known<'_>, transforms: &mut Transform
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution as _, StandardNormal};
 
     #[test]
     fn a_swinging_loop_scores_worse_and_rubbish_is_no_panic() {
@@ -207,6 +229,33 @@ mod tests {
             let found = of(&rubbish);
             assert!(found.score.is_none_or(f64::is_finite));
         }
+    }
+
+    #[test]
+    fn the_harris_index_is_for_the_dead_time_that_is_known() {
+        // Minimum variance for three samples: of the error nothing is known so long before, and two thirds one sample before.
+        let noise: Vec<f64> =
+            StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(6)).take(8002).collect();
+        let pv: Vec<f64> = noise.windows(3).map(|w| w[2] + w[1] + w[0]).collect();
+        let window = Window { ts: 10.0, op: pv.clone(), pv, ..Window::default() };
+        let mut transforms = Transforms::new();
+        let mut of = |dead_time_s| {
+            let found = indicators(&window, &Known { dead_time_s, ..Known::default() }, &mut transforms);
+            let values = found.values();
+            let names = ["harris", "harris_low", "harris_high", "harris_dead_time_s"];
+            let told = names
+                .map(|name| series::NAMED.iter().position(|own| own.0 == name).and_then(|at| values[at]));
+            (found.harris, found.harris_of_one, told)
+        };
+        let (harris, of_one, [index, low, high, dead_time_s]) = of(Some(20.0));
+        assert!(index.is_some_and(|index| index > 0.97) && index == harris.map(|own| own.index), "{index:?}");
+        assert!(low < index && index <= high && dead_time_s == Some(20.0), "{low:?} {high:?}");
+        let (harris, same, [index, _, _, dead_time_s]) = of(None);
+        // A third, and with no more than 15 lags three eighths.
+        assert!(index.is_some_and(|index| (index - 0.375).abs() < 0.04), "{index:?}");
+        assert_eq!((harris, same, dead_time_s), (of_one, of_one, None));
+        // A process without a dead time of its own is one of one sample.
+        assert_eq!((of(Some(0.0)).0, of(Some(0.0)).2[3]), (of_one, Some(0.0)));
     }
 
     #[test]
@@ -262,6 +311,24 @@ mod tests {
     }
 
     #[test]
+    fn a_step_that_pv_was_not_seen_to_follow_is_not_timed() {
+        // PV is lost before the step and found at the new level: nobody saw the line between.
+        let sp: Vec<f64> = (0..400).map(|k| if k < 100 { 0.0 } else { 10.0 }).collect();
+        let pv: Vec<f64> = (0..400).map(|k| (0.1 * (f64::from(k) - 90.0)).clamp(0.0, 10.0)).collect();
+        let mut transforms = Transforms::new();
+        let mut of = |lost: std::ops::Range<i32>| {
+            let rows = (0..400).map(|k| if lost.contains(&k) { Row::Missing } else { Row::Counts });
+            let (op, rows) = (pv.clone(), rows.collect());
+            let window =
+                Window { ts: 1.0, op, sp: Some(sp.clone()), pv: pv.clone(), rows, ..Window::default() };
+            let found = indicators(&window, &Known::default(), &mut transforms);
+            assert!(found.measured && found.error.is_some());
+            found.settling.map(|own| (own.steps, own.settled))
+        };
+        assert_eq!((of(0..0), of(90..190)), (Some((1, 1)), None));
+    }
+
+    #[test]
     fn the_work_of_a_valve_is_of_the_time_in_which_it_was_seen() {
         // Drawn through for 40 % of the time, in which nothing is seen of a swing.
         let wave = |k: usize| if k < 600 { (0.3 * k as f64).sin() } else { (0.3 * 600.0_f64).sin() };
@@ -300,11 +367,13 @@ mod tests {
             (0..series::COUNT).filter(|at| values[*at].is_none()).collect::<Vec<_>>()
         };
         let (sharp, pv, op) = (of(false, false), of(true, false), of(false, true));
-        assert_eq!(unknown(&sharp), []);
-        // Score, error, Harris index, swing and its period, whether PV stands still, and the mean of the error.
-        assert_eq!((unknown(&pv), pv.score), (vec![0, 3, 4, 5, 6, 7, 10, 13], None));
+        // The set point makes no step, and there is no model.
+        assert_eq!(unknown(&sharp), [16, 21]);
+        // Score, error, Harris index and its interval, swing, its period and regularity, whether PV stands still.
+        let blurred = vec![0, 3, 4, 5, 6, 7, 10, 13, 15, 16, 17, 19, 20, 21];
+        assert_eq!((unknown(&pv), pv.score), (blurred, None));
         // What OP does is asked for nothing but whether PV answers it.
-        assert_eq!((unknown(&op), op.error, op.swing), (vec![10], sharp.error, sharp.swing));
+        assert_eq!((unknown(&op), op.error, op.swing), (vec![10, 16, 21], sharp.error, sharp.swing));
         assert!(op.score.is_some_and(|score| score < sharp.score.expect("known")), "{:?}", op.score);
         // The latest part has both, and the score what it says of the valve.
         let sure = Indicators { stuck: Some(1.0), harris: None, ..sharp.clone() };

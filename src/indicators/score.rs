@@ -12,8 +12,8 @@
 //! | stuck | share of the time in which PV stands still while OP moves | 2/16 |
 //!
 //! The weights are a convention: an oscillation that is all of the variance costs a little more than a loop in manual. Who has
-//! prices sorts by those instead. The Harris index does not count: without the dead time of the process it says nothing of how
-//! one loop compares with another.
+//! prices sorts by those instead. The Harris index does not count: not every loop has a model that
+//! tells the dead time of its process, and without that it says nothing of how one loop compares with another.
 
 /// Weights of service, limits, oscillation and stuck.
 pub const WEIGHTS: [f64; 4] = [0.3125, 0.1875, 0.375, 0.125];

@@ -31,7 +31,7 @@ pub struct Settling {
     pub overshoot: f64,
 }
 
-/// Looks at every step of `sp` between samples at which it is known; none where there is no step to look at.
+/// Looks at every step of `sp` between samples at which it and PV are known; none where there is no step to look at.
 pub fn settling(pv: &[f64], sp: &[f64], ts: f64, is_known: impl Fn(usize) -> bool) -> Option<Settling> {
     let n = pv.len().min(sp.len());
     let noise = noise_sd(&pv[..n]);

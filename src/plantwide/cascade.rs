@@ -1,38 +1,39 @@
-//! Cascades: a set point that moves as another loop's output does, but for scale.
+//! Cascades: a set point that is another loop's output, but for scale and offset.
 //!
 //! ```text
 //! r² = (sum of s o)² / (sum of s² · sum of o²)      0 where the sum of s o is below 0
 //! ```
 //!
-//! s and o are set point and output about their means at up to 200 common times, and once more their changes from each of these
-//! times to the next; the smaller r² of the two counts. Two ramps, or two slow swings, have the same values but for scale without
-//! having anything to do with each other: what they change by is their own. No master sets a point against its output.
+//! s, o: set point and output at up to 200 common times, as deviations from their means. r² is computed once for the values, and once
+//! for their changes from each of these times to the next; the smaller one counts. The values of two unrelated ramps, or of two slow
+//! oscillations, are proportional, but their changes are not. A master and its set point never move against each other.
 //!
-//! Every set point with every output is a time that grows with the square of the plant. So the outputs that are most like a set
-//! point are found by one product each of two short vectors, and those alone are compared at the times of their own samples.
+//! To compare every set point with every output takes a time that grows with the square of the number of loops. So each signal has a
+//! sketch, a vector of 128 means. The 32 outputs whose sketches are most like that of a set point are found by one product each, and
+//! only those are compared at the times of their samples.
 
 use super::{LoopFound, Plant};
 use crate::signal::Window;
 use crate::sysid::least_squares::dot;
 use crate::sysid::stats::mean;
 
-/// Samples that two signals are compared at.
+/// Times at which two signals are compared.
 const COMPARED: usize = 200;
-/// Squared correlation of a set point with its master's output: the same numbers, but for rounding and sampling.
+/// Least r² of a set point and its master's output (-): they have the same values but for rounding and sampling.
 const SAME: f64 = 0.95;
-/// Means of a sketch.
+/// Means in a sketch.
 const MEANS: usize = 128;
-/// Outputs that are compared with a set point, those most like it.
+/// Outputs that are compared with a set point.
 const LIKELY: usize = 32;
 
-/// Whether a set point moves as another's output does: one set by hand moves seldom.
+/// Whether a set point moves as often as an output does: one that is set by hand moves seldom.
 pub fn is_moved(sp: &[f64]) -> bool {
     /// Changes, as a share of the samples.
     const MOVES: f64 = 0.2;
     sp.windows(2).filter(|w| w[0] != w[1]).count() as f64 > MOVES * sp.len() as f64
 }
 
-/// A signal with its times, in single precision: of all loops it is kept at once.
+/// A signal with its times, in single precision, because those of all loops are kept at once.
 #[derive(Clone, Debug)]
 pub struct Track {
     t0: f64,
@@ -41,7 +42,7 @@ pub struct Track {
 }
 
 impl Track {
-    /// One of a window's signals.
+    /// A signal `x` of a window.
     pub fn of(w: &Window, x: &[f64]) -> Self {
         Self { t0: w.t0, ts: w.ts, x: x.iter().map(|x| *x as f32).collect() }
     }
@@ -50,7 +51,7 @@ impl Track {
         self.t0 + self.ts * self.x.len() as f64
     }
 
-    /// Which sample is that at a time, or the last before it.
+    /// Number of the sample at time `t`, or of the last one before it.
     fn index(&self, t: f64) -> usize {
         (((t - self.t0) / self.ts + 1e-6).max(0.0) as usize).min(self.x.len() - 1)
     }
@@ -60,7 +61,11 @@ impl Track {
     }
 }
 
-/// Finds the master of each of the `slaves` among all `outputs`; `time` is when most of them were recorded.
+/// Finds the masters, and sets them in `found`.
+///
+/// * `slaves`: the loops whose set point moves.
+/// * `outputs`: the output of every loop.
+/// * `time`: the time that most of them cover (s).
 pub fn masters(
     plant: &dyn Plant,
     slaves: &[usize],
@@ -81,9 +86,9 @@ pub fn masters(
     }
 }
 
-/// The outputs that may be a set point's: those most like it, and those that nothing is known of, in their order.
+/// The outputs that may be the master's, in their order: those most like the set point, and those without a sketch.
 fn likely(slave: usize, sp: Option<Vec<f64>>, sketches: &[Option<Vec<f64>>]) -> Vec<usize> {
-    // A set point that stands still all that time is like none.
+    // A set point that does not move in that time has no sketch.
     let sp = sp.filter(|sp| sp.iter().any(|x| *x != 0.0));
     let like = |output: &Option<Vec<f64>>| match (&sp, output) {
         (Some(sp), Some(output)) => dot(sp, output).abs(),
@@ -105,9 +110,10 @@ fn likely(slave: usize, sp: Option<Vec<f64>>, sketches: &[Option<Vec<f64>>]) -> 
     likely
 }
 
-/// A signal in a few means over a time, about their own mean, and of length one; none where it does not cover that time.
+/// The sketch of a signal over a time (s): [`MEANS`] means, as deviations from their own mean, scaled to length 1; none where the signal
+/// does not cover that time.
 ///
-/// Means, because samples of a fast signal at times that are not its own have nothing to do with each other.
+/// It has means and not samples, because samples of two fast signals at different times are not correlated.
 fn sketch(of: &Track, (from, to): (f64, f64)) -> Option<Vec<f64>> {
     if of.x.is_empty() || to <= from || of.t0 > from || of.end() < to {
         return None;
@@ -125,14 +131,13 @@ fn sketch(of: &Track, (from, to): (f64, f64)) -> Option<Vec<f64>> {
     Some(about.iter().map(|x| if is_moving { x / length } else { 0.0 }).collect())
 }
 
-/// The squared correlation of two signals at the same times, of their values or of their changes, whichever is less; 0 where they
-/// share too little time.
+/// r² of two signals (-): the smaller of those of their values and of their changes; 0 where they have too little time in common.
 pub fn correlation(a: &Track, b: &Track) -> f64 {
     let (from, to) = (a.t0.max(b.t0), a.end().min(b.end()));
     if to <= from || a.x.is_empty() || b.x.is_empty() {
         return 0.0;
     }
-    // At the stamps of the coarser one: between them the other has moved on.
+    // They are compared at the stamps of the signal with the longer sample period.
     let coarse = if a.ts >= b.ts { a } else { b };
     let first = coarse.t0 + ((from - coarse.t0) / coarse.ts).ceil() * coarse.ts;
     let step = ((to - from) / (COMPARED as f64 * coarse.ts)).ceil().max(1.0) * coarse.ts;
@@ -142,11 +147,11 @@ pub fn correlation(a: &Track, b: &Track) -> f64 {
         return 0.0;
     }
     let changes = |x: &[f64]| -> Vec<f64> { x.windows(2).map(|w| w[1] - w[0]).collect() };
-    alike(&a, &b).min(alike(&changes(&a), &changes(&b)))
+    squared_correlation(&a, &b).min(squared_correlation(&changes(&a), &changes(&b)))
 }
 
-/// r² of two series; 0 where one does not move, or they move against each other.
-fn alike(a: &[f64], b: &[f64]) -> f64 {
+/// r² of two series of equal length (-); 0 where one does not move, or where they move against each other.
+fn squared_correlation(a: &[f64], b: &[f64]) -> f64 {
     let (ma, mb) = (mean(a), mean(b));
     let sum = |f: &dyn Fn(f64, f64) -> f64| a.iter().zip(b).map(|(a, b)| f(a - ma, b - mb)).sum::<f64>();
     let (aa, bb, ab) = (sum(&|a, _| a * a), sum(&|_, b| b * b), sum(&|a, b| a * b));
@@ -190,7 +195,7 @@ mod tests {
         let (ramp, swing) = (|k: f64| 0.01 * k, |k: f64| 5.0 * (std::f64::consts::TAU * k / 500.0).sin());
         for shape in [ramp as fn(f64) -> f64, swing] {
             let (own, other) = (signal(shape, 7), signal(shape, 500));
-            assert!(alike(&own, &other) > SAME, "their values are alike");
+            assert!(squared_correlation(&own, &other) > SAME, "their values are alike");
             assert!(r2(&own, &other) < 0.5, "{}", r2(&own, &other));
             let against: Vec<f64> = own.iter().map(|x| 50.0 - x).collect();
             assert_eq!(r2(&own, &against), 0.0);

@@ -1,19 +1,20 @@
-//! Why a loop is not at rest: one cause each, with a probability and a sentence.
+//! The cause why a loop is not at rest: one for each loop, with a probability and the sentence that operators read.
 //!
 //! ```text
 //! P(cause | x) = exp(w_cause · (x, 1)) / sum over the causes and "at rest" of exp(w · (x, 1))
 //! ```
 //!
-//! x are the loop's own [`super::signs`]; the weights are a multinomial logit fitted on simulated loops (`causes fit`), so that
-//! the probability is what such loops say. A loop that is likelier at rest than anything else has no cause. Where the likeliest
-//! cause has less than 1/2 it is `unknown`, which has no probability. A member of a group is its `neighbour`'s victim by the
-//! probability that another member is the source, and the cause of the source has its own probability times that by which it is
-//! the source: of a member a cause is named from 1/4 on.
+//! x: the features of the loop ([`super::signs`]); w: weights of a multinomial logit, fitted on simulated loops (`causes fit`).
 //!
-//! What a diagnosis said of the valve goes before the signs: one that sticks is the cause, unless another member is likelier the
-//! source of the group, and one that is sound is not.
-//!
-//! Of a loop that [`is_judged`] leaves out nothing is said.
+//! - A loop in no group has the likeliest cause; none where "at rest" is the likeliest. Where that cause has a probability below 1/2, the
+//!   cause is `unknown`, which has no probability.
+//! - A loop in a group has the cause `neighbour` where another member is likelier the source, with the probability that it is not the
+//!   source itself. The likeliest source has its own cause where it is the source with a probability of 1/2 or more, and `unknown`
+//!   otherwise. The probability of its own cause is multiplied by that of being the source, so that it is at least 1/4.
+//! - A diagnosis of the valve comes before the features. A valve that sticks is the cause, unless another member is likelier the source
+//!   of the group; a sound valve is never the cause.
+//! - A loop that cannot be judged ([`is_judged`]) has no cause.
+//! - The sentence of `unknown` says why a diagnosis of the valve had no result, where there was one.
 
 use super::LoopFound;
 use super::groups::Group;
@@ -24,17 +25,17 @@ use super::signs::{SIGNS, Signs};
 pub enum Cause {
     /// The valve sticks or has a dead band.
     Valve,
-    /// The controller is too tight or too slow.
+    /// The controller is tuned too tightly or too slowly.
     Tuning,
     /// A load from outside.
     Load,
-    /// The measurement.
+    /// The measurement of PV.
     Sensor,
     /// Another loop.
     Neighbour,
     /// OP is at a limit.
     Saturation,
-    /// It is not known.
+    /// The cause is not known.
     Unknown,
 }
 
@@ -64,22 +65,22 @@ impl Cause {
     }
 }
 
-/// A cause, how likely it is, and why.
+/// The cause of one loop, with its probability and its sentence.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reason {
-    /// Which.
+    /// The cause.
     pub cause: Cause,
-    /// Probability of the cause (0..1); none of `unknown`: there is nothing to be sure of.
+    /// Probability of the cause (0..1); none for `unknown`.
     pub probability: Option<f64>,
-    /// Probability that the loop which it comes from, `neighbour` or else this one, is the source (0..1); 1 of one in no group.
+    /// Probability that the neighbour, or without one this loop, is the source of the group (0..1); 1 for a loop in no group.
     pub source: f64,
-    /// One sentence.
+    /// The sentence that operators read.
     pub why: String,
-    /// The loop that is meant by `neighbour`.
+    /// The likeliest source of the group, for the cause `neighbour`.
     pub neighbour: Option<usize>,
 }
 
-/// What a loop's own signs can say; the last is that nothing is wrong with it.
+/// The classes that the signs of a loop distinguish; the last one is "at rest".
 pub const CLASSES: [Option<Cause>; 6] = [
     Some(Cause::Valve),
     Some(Cause::Tuning),
@@ -88,8 +89,8 @@ pub const CLASSES: [Option<Cause>; 6] = [
     Some(Cause::Saturation),
     None,
 ];
-/// Where the valve stands among them.
-const VALVE: usize = 0;
+/// Position of the valve among them.
+pub(super) const VALVE: usize = 0;
 /// Weights of the signs and of 1, for each of [`CLASSES`].
 #[rustfmt::skip]
 const WEIGHTS: [[f64; SIGNS + 1]; CLASSES.len()] = [
@@ -109,25 +110,23 @@ pub fn probabilities(signs: &Signs) -> [f64; CLASSES.len()] {
     scores.map(|s| (s - most).exp() / sum)
 }
 
-/// Whether a loop's record shows it at work: good samples over half of the time, and in manual for half of it at most.
+/// Whether a loop can be judged: good samples over half of the time, and in manual for at most half of it.
 ///
-/// Another one is no suspect and has no cause: in manual it has no cycle of its own and nothing was asked of its valve, and what is
-/// drawn through gaps was not measured.
+/// Any other loop is no suspect and has no cause. In manual a loop has no limit cycle and its valve is not tested, and values that are
+/// interpolated across gaps were not measured.
 pub fn is_judged(of: &LoopFound) -> bool {
     let in_manual = of.indicators.service_factor.is_some_and(|share| share < IN_MANUAL);
     of.indicators.measured && !in_manual
 }
 
-/// The cause of one loop; none where it is at rest, or cannot be judged.
+/// The cause of one loop; none where the loop is at rest, or cannot be judged. `at`: its number in `found`.
 pub fn reason(at: usize, found: &[LoopFound], groups: &[Group]) -> Option<Reason> {
     let of = &found[at];
     if !is_judged(of) {
         return None;
     }
     let group = of.group.map(|g| &groups[g]);
-    // Who is not among the suspects of its group is not its source.
-    let suspect = |group: &Group| group.suspects.iter().find(|s| s.at == at).map_or(0.0, |s| s.probability);
-    let is_source = group.map_or(1.0, suspect);
+    let is_source = source_of(at, group);
     let shared =
         group.filter(|_| is_source < STANDS_OUT).and_then(|group| shared(at, found, group, is_source));
     match (shared, of.friction.as_ref().filter(|own| own.sticks)) {
@@ -144,7 +143,13 @@ pub fn reason(at: usize, found: &[LoopFound], groups: &[Group]) -> Option<Reason
     }
 }
 
-/// What a loop's own signs say; none where it is in no group and at rest.
+/// Probability that a loop is the source of its group: 1 in no group, 0 for a member that is no suspect.
+pub(super) fn source_of(at: usize, group: Option<&Group>) -> f64 {
+    let suspect = |group: &Group| group.suspects.iter().find(|s| s.at == at).map_or(0.0, |s| s.probability);
+    group.map_or(1.0, suspect)
+}
+
+/// The cause by the signs of a loop; none where it is in no group and at rest.
 fn by_signs(of: &LoopFound, is_member: bool, is_source: f64) -> Option<Reason> {
     let (which, p) = classes(of).into_iter().enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
     let own = |cause: Cause, probability: Option<f64>, why: String| {
@@ -159,13 +164,21 @@ fn by_signs(of: &LoopFound, is_member: bool, is_source: f64) -> Option<Reason> {
             } else {
                 "its own signals do not say why it is not at rest"
             };
-            own(Cause::Unknown, None, why.into())
+            own(Cause::Unknown, None, with_untold(why.into(), of))
         }
     }
 }
 
-/// Probability of each of [`CLASSES`]; a valve that a diagnosis calls sound is not the cause.
-fn classes(of: &LoopFound) -> [f64; CLASSES.len()] {
+/// A sentence for `unknown`, and behind it what a diagnosis of the valve lacked.
+pub(super) fn with_untold(why: String, of: &LoopFound) -> String {
+    match &of.untold {
+        Some(untold) => format!("{why}; its valve could not be judged: {}", untold.says),
+        None => why,
+    }
+}
+
+/// Probability of each of [`CLASSES`], without the valve where a diagnosis has found it sound.
+pub(super) fn classes(of: &LoopFound) -> [f64; CLASSES.len()] {
     let mut all = probabilities(&of.signs);
     if of.friction.as_ref().is_some_and(|own| !own.sticks) {
         all[VALVE] = 0.0;
@@ -175,7 +188,8 @@ fn classes(of: &LoopFound) -> [f64; CLASSES.len()] {
     all
 }
 
-/// What is said of a member of a group that is likelier not its source; none where nobody is suspected.
+/// The cause of a member of a group that is likelier not the source; none where the group has no suspect. `own`: probability that this
+/// member is the source.
 fn shared(at: usize, found: &[LoopFound], group: &Group, own: f64) -> Option<Reason> {
     let first = group.suspects.first()?;
     let many = group.members.len();
@@ -184,6 +198,7 @@ fn shared(at: usize, found: &[LoopFound], group: &Group, own: f64) -> Option<Rea
         let why = format!(
             "{many} loops swing together with a period of {swing}; no source stands out among them, and this one is the likeliest"
         );
+        let why = with_untold(why, &found[at]);
         return Some(Reason { cause: Cause::Unknown, probability: None, source: own, why, neighbour: None });
     }
     let (source, others) = (&found[first.at].name, others(many.saturating_sub(1)));
@@ -202,11 +217,12 @@ fn shared(at: usize, found: &[LoopFound], group: &Group, own: f64) -> Option<Rea
     })
 }
 
+/// A number of other loops in words.
 fn others(many: usize) -> String {
     if many == 1 { "1 other".into() } else { format!("{many} others") }
 }
 
-/// A period for people.
+/// A period (s) in words.
 pub fn period(s: f64) -> String {
     if s < 120.0 {
         format!("{s:.0} s")
@@ -217,7 +233,7 @@ pub fn period(s: f64) -> String {
     }
 }
 
-/// In one sentence what speaks for a cause.
+/// The evidence for a cause in one sentence.
 fn why(cause: Cause, of: &LoopFound) -> String {
     let (i, signs) = (&of.indicators, &of.signs);
     let swing = of.oscillations.first().map(|own| format!("with a period of {}", period(own.period_s)));
@@ -261,7 +277,7 @@ fn why(cause: Cause, of: &LoopFound) -> String {
         (Cause::Saturation, _) if i.at_limits.is_some_and(|share| share >= signs[LIMITS]) => {
             format!("OP is at a limit for {} of the time", percent(signs[LIMITS]))
         }
-        // That it is a limit is a conclusion from how it comes back there.
+        // The limit is not configured: it is inferred from how OP stops there.
         (Cause::Saturation, _) => format!(
             "OP stops again and again at its largest or least value, {} of the time, as at a limit",
             percent(signs[LIMITS])
@@ -272,10 +288,11 @@ fn why(cause: Cause, of: &LoopFound) -> String {
 
 /// Probability from which a source stands out: it is likelier than all other suspects together.
 pub const STANDS_OUT: f64 = 0.5;
-/// Share of the time in automatic below which nothing is said of a controller.
+/// Share of the time in automatic below which a loop cannot be judged.
 const IN_MANUAL: f64 = 0.5;
-/// Where two of the signs stand.
+/// Position of the sign *limits*.
 const LIMITS: usize = 0;
+/// Position of the sign *held*.
 const HELD: usize = 3;
 
 #[cfg(test)]
@@ -283,7 +300,8 @@ mod tests {
     use super::*;
     use crate::indicators::Indicators;
     use crate::indicators::oscillation::Oscillation;
-    use crate::plantwide::{Friction, Suspect};
+    use crate::plantwide::{Friction, Suspect, Untold};
+    use std::slice;
 
     /// A loop of which there was enough to measure.
     fn measured() -> LoopFound {
@@ -372,6 +390,27 @@ mod tests {
         assert!(all[..CLASSES.len() - 1].iter().all(|p| *p < all[CLASSES.len() - 1]), "{all:?}");
         let told = reason(0, &[of], &[group]).expect("a member");
         assert_eq!((told.cause, told.probability, told.source), (Cause::Unknown, None, 0.8));
+    }
+
+    #[test]
+    fn an_unknown_cause_says_what_a_diagnosis_of_the_valve_lacked() {
+        let says = "sampled too slowly: 2.2 samples per period".to_string();
+        let untold = Some(Untold { code: "undersampled".into(), says });
+        let of = LoopFound { group: Some(0), untold, ..measured() };
+        let lacked = "; its valve could not be judged: sampled too slowly: 2.2 samples per period";
+        for p in [0.8, 0.3] {
+            let group = Group { members: vec![0, 1], suspects: vec![suspect(0, p)], ..Group::default() };
+            let why = |of: &LoopFound| {
+                reason(0, slice::from_ref(of), slice::from_ref(&group)).expect("a member").why
+            };
+            let without = why(&LoopFound { untold: None, ..of.clone() });
+            assert_eq!(why(&of), format!("{without}{lacked}"), "{p}");
+        }
+        // Another cause stands without the valve.
+        let of = LoopFound { signs: only(HELD, 0.5), group: None, ..of };
+        assert!(
+            reason(0, &[of], &[]).is_some_and(|own| own.cause == Cause::Sensor && !own.why.contains("valve"))
+        );
     }
 
     #[test]

@@ -1,63 +1,80 @@
-//! Loops that swing together.
+//! Groups of loops that oscillate together.
 //!
 //! ```text
-//! the strongest oscillation left leads; who has gamma² >= g with it in its band follows
-//! U[f] = sum over members of X_i[f] e^(-i phi_i) / |X_i|        their common wave
-//! members: every loop with gamma² >= g with U, and 10 % of its variance in the band; where the leader has no followers, every
-//!          loop of whose variance U explains 25 %, gamma² times that share
+//! leader    : the strongest oscillation that is not in a group yet
+//! followers : oscillations of nearly the same period, with coherence gamma² >= g with the leader in its band
+//! U[f]      = sum over leader and followers of X_i[f] e^(-i phi_i) / |X_i|              their common wave
+//! members   : loops with gamma² >= g with U, and 10 % of their variance in the band;
+//!             where the leader has no followers, loops with gamma² times that share >= 25 %
 //! ```
 //!
-//! g is the larger of 0.6 and of `1 - 0.0001^(1/(M - 1))`, which independent waves in M bins pass once in ten thousand pairs: of few
-//! periods nothing is known. U is the first principal component of the members
-//! after one step of the power method; it is compared with every loop, so that who swings too little to be noticed alone is found
-//! with the others. Two and more make a group.
+//! X_i: spectrum of loop i in the band; phi_i: its phase against the leader; g: the larger of 0.6 and of `1 - 0.0001^(1/(M - 1))`,
+//! which independent waves in M bins exceed in one of ten thousand pairs (-). U is the first principal component after one step of the
+//! power method. It is compared with every loop, so that a loop which oscillates too little to be noticed alone is found with the
+//! others. A group has two members or more.
 //!
-//! On a grid of a shorter time only those count that have a member without a place on a longer one on which their period is
-//! compared. Such a group takes in one that was found on a longer grid with the same period and mostly the same loops.
+//! A group on a grid of a shorter time counts only where one member has no place on a longer grid that compares its period. Such a
+//! group replaces one with the same period, and mostly the same loops, that was found on a longer grid, and takes in its members.
 //!
 //! Source: Thornhill, Shah, Huang & Vishnubhotla, Control Eng. Practice 2002, 10, 833 (spectral principal components); Jiang,
 //! Choudhury & Shah, J. Process Control 2007, 17, 159 (spectral envelope: loops that share a frequency).
 
+use super::lag::Lag;
 use super::rank::Suspect;
 use super::spectra::{Spectra, coherence, power};
 use crate::indicators::oscillation::Oscillation;
 use nalgebra::Complex;
 
-/// gamma² from which two swing together.
+/// Coherence gamma² from which two loops oscillate together (-).
 const TOGETHER: f64 = 0.6;
-/// Probability that two that have nothing in common are found together: a plant has a thousand pairs and more.
+/// Probability that two independent waves pass the least coherence: a plant has a thousand pairs of loops and more.
 const CHANCE: f64 = 1e-4;
-/// How far periods may be apart, as a factor.
+/// Largest ratio of two periods that are nearly the same.
 const NEAR: f64 = 1.15;
-/// Least share of a loop's variance in the band.
+/// Least share of a member's variance in the band.
 const SHARE: f64 = 0.1;
-
-/// Least share of a loop's variance that a leader without followers explains: between what counts for nothing and for a victim on
-/// simulated plants, 8 and 30 %.
+/// Least share of a member's variance that a leader without followers explains: on simulated plants it is 8 % for an unrelated loop and
+/// 30 % for a victim.
 const EXPLAINED: f64 = 0.25;
-/// Least probability of the oscillation of a leader without followers: a plant where nothing swings has many that might be one.
+/// Least probability of the oscillation of a leader without followers: a plant without oscillations has many that might be one.
 const SURE: f64 = 0.9;
 
-/// Loops that swing together.
+/// A group of loops that oscillate together.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Group {
     /// Period (s).
     pub period_s: f64,
-    /// On which of the grids it was found.
+    /// Number of the grid on which it was found.
     pub grid: usize,
-    /// Loops, the strongest first.
+    /// Numbers of its loops, the one with the largest share of its variance first.
     pub members: Vec<usize>,
-    /// gamma² of each member with the common wave.
+    /// Coherence gamma² of each member with the common wave (-).
     pub with_common: Vec<f64>,
-    /// Share of each member's variance in the band.
+    /// Share of each member's variance in the band (0..1).
     pub shares: Vec<f64>,
-    /// gamma² of every two members, row by row.
+    /// Coherence gamma² of every two of the first members, row by row (-).
     pub coherence: Vec<f64>,
-    /// Who started it, the likeliest first.
+    /// Lag of every two of these members, row by row: of the loop of the column against that of the row.
+    pub lags: Vec<Lag>,
+    /// Which member may be the source, the likeliest first.
     pub suspects: Vec<Suspect>,
 }
 
-/// Groups of loops with these oscillations, on all grids; those with the most members first.
+/// One member of a group.
+#[derive(Clone, Copy)]
+struct Member {
+    /// The loop.
+    at: usize,
+    /// Coherence gamma² with the common wave (-).
+    gamma: f64,
+    /// Share of its variance in the band (0..1).
+    share: f64,
+}
+
+/// Groups of loops, on all grids, the one with the most members first.
+///
+/// * `swings`: the oscillations of each loop.
+/// * `grids`: the spectra of all loops, on the grid of the longest time first.
 pub fn groups(swings: &[&[Oscillation]], grids: &[Spectra]) -> Vec<Group> {
     let mut found: Vec<Group> = Vec::new();
     for (number, spectra) in grids.iter().enumerate() {
@@ -72,12 +89,12 @@ pub fn groups(swings: &[&[Oscillation]], grids: &[Spectra]) -> Vec<Group> {
             }
         }
     }
-    merge(&mut found);
+    drop_harmonics(&mut found);
     found.sort_by_key(|group| std::cmp::Reverse(group.members.len()));
     found
 }
 
-/// The group and all members of those that are the same on a longer grid, which are taken from `found`.
+/// The group together with the members of the same group on a longer grid, which is removed from `found`.
 fn with_longer(group: Group, found: &mut Vec<Group>, spectra: &Spectra) -> Group {
     let common = |longer: &Group| longer.members.iter().filter(|m| group.members.contains(m)).count();
     let is_same = |longer: &Group| {
@@ -85,34 +102,25 @@ fn with_longer(group: Group, found: &mut Vec<Group>, spectra: &Spectra) -> Group
             && (1.0 / NEAR..=NEAR).contains(&(longer.period_s / group.period_s))
             && 2 * common(longer) > longer.members.len().min(group.members.len())
     };
-    // Of several, which the long records tell apart, only the nearest is the same.
+    // The longer records may have told several groups apart: only the one with the most common loops is the same.
     let near = (0..found.len()).filter(|at| is_same(&found[*at])).max_by_key(|at| common(&found[*at]));
     let Some(same) = near.map(|at| found.remove(at)) else { return group };
     let band = spectra.band(group.period_s);
-    let mut members: Vec<(usize, f64, f64)> = Vec::new();
+    let mut members: Vec<Member> = Vec::new();
     for (at, gamma) in [&group, &same].into_iter().flat_map(|of| of.members.iter().zip(&of.with_common)) {
-        if !members.iter().any(|m| m.0 == *at) && spectra.inside(*at, &band).is_some() {
-            members.push((*at, *gamma, spectra.share(*at, &band)));
+        if !members.iter().any(|m| m.at == *at) && spectra.inside(*at, &band).is_some() {
+            members.push(Member { at: *at, gamma: *gamma, share: spectra.share(*at, &band) });
         }
     }
-    members.sort_by(|a, b| b.2.total_cmp(&a.2));
+    members.sort_by(|a, b| b.share.total_cmp(&a.share));
     Group { grid: group.grid, ..self::group(group.period_s, &members, spectra) }
 }
 
 /// Groups of loops with these oscillations on one grid.
 fn on_grid(swings: &[&[Oscillation]], spectra: &Spectra) -> Vec<Group> {
-    let mut nodes: Vec<(usize, f64, f64)> = swings
-        .iter()
-        .enumerate()
-        .flat_map(|(i, of)| of.iter().map(move |o| (i, o.period_s, o.share)))
-        .filter(|(i, period, _)| {
-            spectra.compares(*period) && spectra.inside(*i, &spectra.band(*period)).is_some()
-        })
-        .collect();
-    // By period, so that only neighbours are compared.
-    nodes.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let nodes = nodes(swings, spectra);
     let mut order: Vec<usize> = (0..nodes.len()).collect();
-    order.sort_by(|a, b| nodes[*b].2.total_cmp(&nodes[*a].2));
+    order.sort_by(|a, b| nodes[*b].share.total_cmp(&nodes[*a].share));
     let is_sure = |of: usize, period_s: f64| {
         swings[of].iter().any(|own| own.period_s == period_s && own.probability() >= SURE)
     };
@@ -123,79 +131,130 @@ fn on_grid(swings: &[&[Oscillation]], spectra: &Spectra) -> Vec<Group> {
             continue;
         }
         taken[leader] = true;
-        let (of, period_s, _) = nodes[leader];
+        let Node { of, period_s, .. } = nodes[leader];
         let band = spectra.band(period_s);
         let Some(own) = spectra.inside(of, &band) else { continue };
-        let least = least(own.len(), spectra);
-        let near = nodes.partition_point(|n| n.1 < period_s / NEAR)
-            ..nodes.partition_point(|n| n.1 <= period_s * NEAR);
+        let least = least_coherence(own.len(), spectra);
+        let near = nodes.partition_point(|n| n.period_s < period_s / NEAR)
+            ..nodes.partition_point(|n| n.period_s <= period_s * NEAR);
         let follows = |k: &usize| {
-            let other = spectra.inside(nodes[*k].0, &band);
-            nodes[*k].0 != of && other.is_some_and(|other| coherence(own, other).0 >= least)
+            let other = spectra.inside(nodes[*k].of, &band);
+            nodes[*k].of != of && other.is_some_and(|other| coherence(own, other).0 >= least)
         };
         let followers: Vec<usize> = near.clone().filter(|k| !taken[*k]).filter(follows).collect();
         if followers.is_empty() && !is_sure(of, period_s) {
             continue;
         }
-        let mut wave: Vec<Complex<f64>> = vec![Complex::default(); own.len()];
-        for x in std::iter::once(of)
-            .chain(followers.iter().map(|k| nodes[*k].0))
-            .filter_map(|i| spectra.inside(i, &band))
-        {
-            let (_, cross) = coherence(x, own);
-            let turn = cross.conj() / (cross.norm() * power(x).sqrt()).max(f64::MIN_POSITIVE);
-            wave.iter_mut()
-                .zip(x)
-                .for_each(|(w, x)| *w += Complex::new(f64::from(x.re), f64::from(x.im)) * turn);
-        }
-        let wave: Vec<Complex<f32>> = wave.iter().map(|w| Complex::new(w.re as f32, w.im as f32)).collect();
-        let mut members: Vec<(usize, f64, f64)> = (0..swings.len())
-            .filter_map(|i| {
-                let gamma = coherence(spectra.inside(i, &band)?, &wave).0;
-                let share = spectra.share(i, &band);
+        let loops = std::iter::once(of).chain(followers.iter().map(|k| nodes[*k].of));
+        let wave = common_wave(own, loops.filter_map(|i| spectra.inside(i, &band)));
+        let mut members: Vec<Member> = (0..swings.len())
+            .filter_map(|at| {
+                let gamma = coherence(spectra.inside(at, &band)?, &wave).0;
+                let share = spectra.share(at, &band);
                 let swings = if followers.is_empty() { gamma * share >= EXPLAINED } else { share >= SHARE };
-                (gamma >= least && swings).then_some((i, gamma, share))
+                (gamma >= least && swings).then_some(Member { at, gamma, share })
             })
             .collect();
         if members.len() < 2 {
             continue;
         }
         for k in near {
-            taken[k] |= members.iter().any(|m| m.0 == nodes[k].0);
+            taken[k] |= members.iter().any(|m| m.at == nodes[k].of);
         }
-        members.sort_by(|a, b| b.2.total_cmp(&a.2));
+        members.sort_by(|a, b| b.share.total_cmp(&a.share));
         found.push(group(period_s, &members, spectra));
     }
     found
 }
 
-/// gamma² that waves in so many bins have to pass.
-fn least(bins: usize, spectra: &Spectra) -> f64 {
+/// One oscillation of one loop.
+#[derive(Clone, Copy)]
+struct Node {
+    /// The loop.
+    of: usize,
+    /// Period (s).
+    period_s: f64,
+    /// Share of the variance of the loop (0..1).
+    share: f64,
+}
+
+/// The oscillations that are compared on a grid, by ascending period, so that only neighbours need be compared.
+fn nodes(swings: &[&[Oscillation]], spectra: &Spectra) -> Vec<Node> {
+    let mut nodes: Vec<Node> = swings
+        .iter()
+        .enumerate()
+        .flat_map(|(of, own)| own.iter().map(move |o| Node { of, period_s: o.period_s, share: o.share }))
+        .filter(|node| {
+            spectra.compares(node.period_s) && spectra.inside(node.of, &spectra.band(node.period_s)).is_some()
+        })
+        .collect();
+    nodes.sort_by(|a, b| a.period_s.total_cmp(&b.period_s));
+    nodes
+}
+
+/// The common wave U: the sum of the spectra `x` in a band, each of unit power and turned into the phase of the leader's spectrum.
+fn common_wave<'a>(
+    leader: &[Complex<f32>],
+    x: impl Iterator<Item = &'a [Complex<f32>]>,
+) -> Vec<Complex<f32>> {
+    let mut wave: Vec<Complex<f64>> = vec![Complex::default(); leader.len()];
+    for x in x {
+        let (_, cross) = coherence(x, leader);
+        let turn = cross.conj() / (cross.norm() * power(x).sqrt()).max(f64::MIN_POSITIVE);
+        wave.iter_mut().zip(x).for_each(|(w, x)| *w += Complex::new(f64::from(x.re), f64::from(x.im)) * turn);
+    }
+    wave.iter().map(|w| Complex::new(w.re as f32, w.im as f32)).collect()
+}
+
+/// How many of a number of bins are independent: the zeros with which the signals are padded make more bins and no more information.
+fn independent(bins: usize, spectra: &Spectra) -> f64 {
     let padding = spectra.m() as f64 / spectra.n.max(1) as f64;
-    let independent = bins as f64 / padding.max(1.0);
+    bins as f64 / padding.max(1.0)
+}
+
+/// g: the coherence gamma² that two waves in a number of bins must have to oscillate together (-).
+fn least_coherence(bins: usize, spectra: &Spectra) -> f64 {
+    let independent = independent(bins, spectra);
     if independent <= 1.5 { 1.0 } else { TOGETHER.max(1.0 - CHANCE.powf(1.0 / (independent - 1.0))) }
 }
 
-/// Most members whose coherence with each other is kept: more are not told apart in a picture.
+/// Most members whose coherence with each other is kept: more cannot be told apart in a picture.
 const DRAWN: usize = 64;
 
-fn group(period_s: f64, members: &[(usize, f64, f64)], spectra: &Spectra) -> Group {
+/// The group of these members.
+fn group(period_s: f64, members: &[Member], spectra: &Spectra) -> Group {
     let band = spectra.band(period_s);
     let drawn: Vec<&[Complex<f32>]> =
-        members.iter().take(DRAWN).filter_map(|m| spectra.inside(m.0, &band)).collect();
+        members.iter().take(DRAWN).filter_map(|m| spectra.inside(m.at, &band)).collect();
     let matrix = drawn.iter().flat_map(|a| drawn.iter().map(|b| coherence(a, b).0)).collect();
     Group {
         period_s,
-        members: members.iter().map(|m| m.0).collect(),
-        with_common: members.iter().map(|m| m.1).collect(),
-        shares: members.iter().map(|m| m.2).collect(),
+        members: members.iter().map(|m| m.at).collect(),
+        with_common: members.iter().map(|m| m.gamma).collect(),
+        shares: members.iter().map(|m| m.share).collect(),
         coherence: matrix,
+        lags: lags(&drawn, spectra),
         ..Group::default()
     }
 }
 
-/// A group at a half, a third or a quarter of another's period, most of whose members are the other's too, is its harmonic.
-fn merge(groups: &mut Vec<Group>) {
+/// Lag of every two of these loops, row by row, by their bins in a band.
+fn lags(of: &[&[Complex<f32>]], spectra: &Spectra) -> Vec<Lag> {
+    let step_hz = 1.0 / (spectra.ts * spectra.m() as f64);
+    let many = of.len();
+    let mut lags = vec![Lag::UNKNOWN; many * many];
+    for (i, a) in of.iter().enumerate() {
+        for (j, b) in of.iter().enumerate().skip(i + 1) {
+            let own = Lag::of(a, b, step_hz, independent(a.len(), spectra));
+            (lags[i * many + j], lags[j * many + i]) = (own, own.reversed());
+        }
+    }
+    lags
+}
+
+/// Drops every group that is a harmonic of another one: its period is a half to a fifth of the other's, and most of its members are
+/// the other's, too.
+fn drop_harmonics(groups: &mut Vec<Group>) {
     /// Distance of a ratio of periods from a whole number.
     const OFF: f64 = 0.03;
     let is_harmonic = |of: &Group, base: &Group| {
@@ -208,4 +267,30 @@ fn merge(groups: &mut Vec<Group>) {
         groups.iter().map(|of| groups.iter().any(|base| is_harmonic(of, base))).collect();
     let mut each = harmonic.iter();
     groups.retain(|_| !each.next().copied().unwrap_or(false));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plantwide::PlantLoop;
+    use crate::signal::Window;
+    use std::f64::consts::TAU;
+
+    #[test]
+    fn every_two_loops_have_a_lag_and_its_opposite() {
+        // The period changes, so that the phase has a slope over the band.
+        let phase = |t: f64| t / 600.0 + 0.2 * (TAU * t / 9000.0).sin();
+        let late = |by_s: f64| {
+            let pv: Vec<f64> =
+                (0..1440_u32).map(|k| (TAU * phase(60.0 * f64::from(k) - by_s)).sin()).collect();
+            let window = Window { ts: 60.0, op: pv.clone(), pv, ..Window::default() };
+            PlantLoop { window, ..PlantLoop::default() }
+        };
+        let spectra = Spectra::of(&[late(0.0), late(90.0)], 600.0);
+        let band = spectra.band(600.0);
+        let bins: Vec<&[Complex<f32>]> = (0..2).filter_map(|of| spectra.inside(of, &band)).collect();
+        let found = lags(&bins, &spectra);
+        assert!((found[1].delay_s - 90.0).abs() < 20.0 && found[1].is_known(), "{found:?}");
+        assert_eq!(found, [Lag::UNKNOWN, found[1], found[1].reversed(), Lag::UNKNOWN]);
+    }
 }

@@ -1,14 +1,26 @@
-//! The plant, not only the loop: which loops swing together, which of them started it, and why each loop is not at rest.
-//! Pure: no clock, no files, no randomness.
+//! Plant-wide analysis: which loops oscillate together, which of them is the source, and why a loop is not at rest. Pure: no clock, no
+//! files, no randomness.
 //!
-//! [`analyse`] takes the windows of all loops, of any sampling, up to about the same time, one after the other. `spectra` brings
-//! them to common grids, `cascade` finds who sets whose set point, `groups` those that swing together, `rank` says which is
-//! likeliest the source, `cause` gives every loop a cause, `tasks` says what to do first.
-//! How often each is right is measured in `docs/plantwide.md`.
+//! [`analyse`] takes the windows of all loops one after the other. They may have any sampling, and end at about the same time.
+//! `docs/plantwide.md` measures how often each result is right.
+//!
+//! | file | what it has |
+//! |---|---|
+//! | `window.rs`, `window/` | a record of any sampling becomes a window on an equal grid |
+//! | `spectra.rs` | the spectra of all loops on common grids, and the coherence of two loops in a band |
+//! | `lag.rs` | which of two loops swings later, and by how much, with its standard error |
+//! | `cascade.rs` | set points that are the output of another loop |
+//! | `groups.rs` | groups of loops that oscillate together |
+//! | `rank.rs` | which member of a group is the source, with a probability and its evidence |
+//! | `signs.rs`, `cause.rs` | the features of one loop, its cause with a probability, and the sentence that operators read |
+//! | `causes.rs` | the probability of every cause of a loop |
+//! | `tasks.rs` | what to do first |
 
 pub mod cascade;
 pub mod cause;
+pub mod causes;
 pub mod groups;
+pub mod lag;
 pub mod rank;
 pub mod signs;
 pub mod spectra;
@@ -16,6 +28,7 @@ pub mod tasks;
 pub mod window;
 
 pub use cause::{Cause, Reason};
+pub use causes::Likely;
 pub use groups::Group;
 pub use rank::Suspect;
 pub use tasks::{Task, tasks};
@@ -34,44 +47,48 @@ use std::borrow::Cow;
 /// A loop, as the plant-wide analysis takes it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PlantLoop {
-    /// Its tag.
+    /// Its name.
     pub name: String,
     /// Its window.
     pub window: Window,
-    /// 1 in automatic, 0 otherwise, NaN where it is not known, at every sample of the window, where recorded.
+    /// Mode at every sample of the window, where recorded: 1 in automatic, 0 otherwise, NaN where it is not known.
     pub mode: Option<Vec<f64>>,
-    /// At which samples of the window the set point is known; none where it is at all of them.
+    /// Whether the set point is known at each sample of the window; none where it is known at all of them.
     pub sp_known: Option<Vec<bool>>,
-    /// At which samples of the window the stem was measured; none where it was at all of them.
+    /// Whether the stem was measured at each sample of the window; none where it was measured at all of them.
     pub stem_known: Option<Vec<bool>>,
-    /// For how long there has been nothing since the window's end (s).
+    /// Time since the window's end without samples (s).
     pub silent_s: f64,
     /// The controller's output limits (OP unit), where known.
     pub op_limits: Option<(f64, f64)>,
-    /// What thinning took from PV and OP, where the window is thinned.
+    /// Properties of the samples of PV and OP that thinning removes, where the window is thinned.
     pub raw: Option<Raw>,
-    /// What the valve did from row to row, by the samples themselves, where the window is thinned.
+    /// Travel of the valve by the samples, from row to row, where the window is thinned.
     pub work: Option<Work>,
     /// Whether most of the movement of PV is too fast for the window.
     pub pv_blurred: bool,
-    /// Whether most of the movement of OP is.
+    /// Whether most of the movement of OP is too fast for the window.
     pub op_blurred: bool,
-    /// Tags of loops whose stream enters it, where somebody knows them.
+    /// Dead time of the process by a model of the loop, without the sample that passes before OP acts (s); where there is one.
+    pub dead_time_s: Option<f64>,
+    /// Names of the loops whose stream enters this one, where they are known.
     pub upstream: Vec<String>,
-    /// What a diagnosis of its valve said, where there was one.
+    /// The result of a diagnosis of its valve, where there was one.
     pub friction: Option<Friction>,
+    /// Why a diagnosis of its valve had no result, where that was so.
+    pub untold: Option<Untold>,
 }
 
-/// The loops of a plant, each asked for when it is looked at: of a large plant not all windows fit into memory at once.
+/// The loops of a plant. Each is read when it is analysed, because the windows of a large plant do not fit into memory together.
 pub trait Plant {
-    /// How many there are.
+    /// Number of loops.
     fn count(&self) -> usize;
 
-    /// One of them; asked again, it may have newer samples.
+    /// The loop with number `at`; read again, it may have newer samples.
     fn get(&self, at: usize) -> Cow<'_, PlantLoop>;
 
-    /// The latest part of one whose window is thinned, at least `hour_s` (s) of it, in rows that do not depend on how long the
-    /// window is; `None` where there is no more than the window.
+    /// The latest part of a loop whose window is thinned, at least `hour_s` (s) of it. Its rows do not depend on the length of the
+    /// window. `None` where there is no more than the window.
     fn recent(&self, _at: usize, _hour_s: f64) -> Option<PlantLoop> {
         None
     }
@@ -87,59 +104,72 @@ impl Plant for Vec<PlantLoop> {
     }
 }
 
-/// What of a record the indicators of a look are taken from, where the record is longer (s).
+/// Length of the latest part of a longer record from which indicators are computed (s).
 pub const HOUR_S: f64 = 3600.0;
 
-/// What a diagnosis said of a valve.
+/// The result of a diagnosis of a valve.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Friction {
     /// Whether it sticks.
     pub sticks: bool,
     /// Posterior of friction (0..1).
     pub probability: f64,
-    /// In words.
+    /// The result as a sentence.
     pub says: String,
 }
 
-/// What was found of one loop.
+/// Why a diagnosis of a valve had no result.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Untold {
+    /// The reason code, as `undersampled`.
+    pub code: String,
+    /// The reason as a clause that says what was missing.
+    pub says: String,
+}
+
+/// The results for one loop.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LoopFound {
-    /// Its tag.
+    /// Its name.
     pub name: String,
-    /// Tags of loops whose stream enters it, where somebody knows them.
+    /// Names of the loops whose stream enters this one, where they are known.
     pub upstream: Vec<String>,
-    /// What a diagnosis of its valve said, where there was one.
+    /// The result of a diagnosis of its valve, where there was one.
     pub friction: Option<Friction>,
-    /// Its indicators. Those that only samples tell are of the latest part where the window is thinned.
+    /// Why a diagnosis of its valve had no result, where that was so.
+    pub untold: Option<Untold>,
+    /// Its indicators. Where the window is thinned, those that need the samples are of its latest part.
     pub indicators: Indicators,
-    /// Those of the latest part, where the window is thinned and there is one.
+    /// The indicators of the latest part, where the window is thinned and there is one.
     pub recent: Option<Indicators>,
-    /// Oscillations of PV, the largest first.
+    /// Oscillations of PV, or of OP where PV does not oscillate, the largest first.
     pub oscillations: Vec<Oscillation>,
-    /// What its own cause is told by.
+    /// The features by which its own cause is found.
     pub signs: Signs,
     /// The loop whose output is its set point.
     pub master: Option<usize>,
-    /// The group of its largest oscillation: that in whose band the largest share of its variance is.
+    /// The group of its largest oscillation: of the groups with this member, the one whose band has the largest share of its variance.
     pub group: Option<usize>,
-    /// Why it is not at rest; none where nothing is wrong with it.
+    /// The cause why it is not at rest; none where it is at rest or cannot be judged.
     pub reason: Option<Reason>,
+    /// The probability of every cause and of rest, the largest first; empty where it cannot be judged.
+    pub causes: Vec<Likely>,
 }
 
 impl LoopFound {
-    /// The indicators of the longest time that tells how far PV is off and whether it swings: of the window, and of the latest part
-    /// where most of the movement of PV is too fast for the window.
+    /// The indicators of the longest time from which the error and the oscillation of PV can be computed: those of the window, or those
+    /// of the latest part where most of the movement of PV is too fast for the window.
     pub fn told(&self) -> &Indicators {
         self.recent.as_ref().filter(|_| self.indicators.blurred).unwrap_or(&self.indicators)
     }
 }
 
-/// What was found of a plant.
+/// The results for a plant.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Analysis {
-    /// Every loop, in the order given.
+    /// The results for every loop, in the order of the plant.
     pub loops: Vec<LoopFound>,
-    /// Groups, the largest first.
+    /// The groups, the largest first.
     pub groups: Vec<Group>,
 }
 
@@ -150,7 +180,7 @@ pub fn analyse(plant: &dyn Plant) -> Analysis {
     for at in 0..plant.count() {
         let of = plant.get(at);
         let recent = of.raw.and_then(|_| plant.recent(at, HOUR_S));
-        found.push(one(&of, recent.as_ref(), &mut transforms));
+        found.push(loop_found(&of, recent.as_ref(), &mut transforms));
         spans.push(Span::of(&of.window));
         if of.window.sp.as_deref().is_some_and(is_moved) {
             slaves.push(at);
@@ -162,7 +192,7 @@ pub fn analyse(plant: &dyn Plant) -> Analysis {
         for (at, span) in spans.iter().enumerate() {
             let of = plant.get(at);
             spectra.add(span, &of.window, &mut transforms);
-            // Only a cascade asks for all outputs.
+            // All outputs are needed only where some set point moves.
             if number == 0 && !slaves.is_empty() {
                 outputs.push(Track::of(&of.window, &of.window.op));
             }
@@ -172,7 +202,7 @@ pub fn analyse(plant: &dyn Plant) -> Analysis {
     drop(outputs);
     let swings: Vec<&[Oscillation]> = found.iter().map(|of| of.oscillations.as_slice()).collect();
     let mut groups = groups::groups(&swings, &grids);
-    join(&groups, &mut found);
+    set_groups(&groups, &mut found);
     let mut rank = |(number, group): (usize, &Group)| {
         rank::rank(number, group, plant, &found, &grids[group.grid], &mut transforms)
     };
@@ -180,12 +210,13 @@ pub fn analyse(plant: &dyn Plant) -> Analysis {
     groups.iter_mut().zip(suspects).for_each(|(group, suspects)| group.suspects = suspects);
     for at in 0..found.len() {
         found[at].reason = cause::reason(at, &found, &groups);
+        found[at].causes = causes::causes(at, &found, &groups);
     }
     Analysis { loops: found, groups }
 }
 
-/// Says of each loop which group is that of its largest oscillation.
-fn join(groups: &[Group], found: &mut [LoopFound]) {
+/// Sets for each loop the group of its largest oscillation.
+fn set_groups(groups: &[Group], found: &mut [LoopFound]) {
     let mut largest = vec![0.0; found.len()];
     for (at, group) in groups.iter().enumerate() {
         for (member, share) in group.members.iter().zip(&group.shares) {
@@ -197,9 +228,11 @@ fn join(groups: &[Group], found: &mut [LoopFound]) {
     }
 }
 
-/// Of every loop the indicators of the last `hour_s` as numbers, those that need longer over all of its window. A thinned window
-/// has rows that grow with it: where there are better ones of the latest part, the hour, the Harris index and what the score says of
-/// a stuck valve are taken from these, and so is what the window does not tell because PV is blurred.
+/// The indicators of every loop as numbers: those of the last `hour_s` (s), and over the whole window those that need a longer time.
+///
+/// The rows of a thinned window are the further apart the longer it is. Where its latest part has better rows, these indicators come
+/// from that: those of the last hour, the Harris index, the part of the score for a stuck valve, and all that the window does not tell
+/// because PV moves too fast for it.
 pub fn values(plant: &dyn Plant, found: &Analysis, hour_s: f64) -> Vec<Values> {
     let mut transforms = Transforms::new();
     let mut latest = |(at, found): (usize, &LoopFound)| {
@@ -212,10 +245,11 @@ pub fn values(plant: &dyn Plant, found: &Analysis, hour_s: f64) -> Vec<Values> {
     found.loops.iter().enumerate().map(&mut latest).collect()
 }
 
+/// The indicators of a loop.
 fn health(of: &PlantLoop, transforms: &mut Transforms) -> Indicators {
     let w = &of.window;
     let share = |known: &Vec<bool>| known.iter().filter(|is| **is).count() as f64 / known.len().max(1) as f64;
-    // The valve is seen while its stem is measured, and where there is none while OP and PV are.
+    // The valve is observed while its stem is measured, or, without a stem, while OP and PV are.
     let of_stem = w.mv.as_ref().map(|_| of.stem_known.as_ref().map_or(1.0, share));
     let seen = of_stem.unwrap_or_else(|| 1.0 - w.missing());
     let seen_s = w.len() as f64 * w.ts * seen;
@@ -229,12 +263,13 @@ fn health(of: &PlantLoop, transforms: &mut Transforms) -> Indicators {
         travel: of.work.as_ref().map(|work| work.travel(seen_s)),
         pv_blurred: of.pv_blurred,
         op_blurred: of.op_blurred,
+        dead_time_s: of.dead_time_s,
     };
     indicators(w, &known, transforms)
 }
 
-/// What there is of one loop; `recent`: its latest part, where the window is thinned.
-fn one(of: &PlantLoop, recent: Option<&PlantLoop>, transforms: &mut Transforms) -> LoopFound {
+/// The results for one loop, without those that need other loops. `recent`: its latest part, where the window is thinned.
+fn loop_found(of: &PlantLoop, recent: Option<&PlantLoop>, transforms: &mut Transforms) -> LoopFound {
     let recent = recent.map(|recent| health(recent, transforms));
     let whole = health(of, transforms);
     let indicators = match &recent {
@@ -242,10 +277,10 @@ fn one(of: &PlantLoop, recent: Option<&PlantLoop>, transforms: &mut Transforms) 
         None => whole,
     };
     let mut swings = Vec::new();
-    // What is drawn through gaps swings by itself.
+    // An interpolation across gaps may oscillate by itself.
     if indicators.measured {
         swings = oscillations(&of.window.pv, of.window.ts, transforms);
-        // A controller may keep PV still at the cost of its output.
+        // A controller may hold PV still by moving OP.
         if swings.is_empty() {
             swings = oscillations(&of.window.op, of.window.ts, transforms);
         }
@@ -254,6 +289,7 @@ fn one(of: &PlantLoop, recent: Option<&PlantLoop>, transforms: &mut Transforms) 
         name: of.name.clone(),
         upstream: of.upstream.clone(),
         friction: of.friction.clone(),
+        untold: of.untold.clone(),
         indicators,
         recent,
         oscillations: swings,

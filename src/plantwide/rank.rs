@@ -1,26 +1,28 @@
-//! Who started it: the members of a group by how likely each is the source.
+//! The source of a group: the probability of each member that it started the oscillation, by a conditional logit.
 //!
 //! ```text
-//! P(i) = exp(w · x_i) / sum over members j of exp(w · x_j)
+//! P(i) = exp(w · x_i) / sum over suspects j of exp(w · x_j)
 //! ```
 //!
-//! | x | sign | why |
+//! w: weights; x_i: the features of member i, called signs:
+//!
+//! | sign | what it is | why |
 //! |---|---|---|
-//! | share | ln of the share of PV's variance in the band over the group's largest | a wave is strongest where it begins |
-//! | shape of PV | ln of (harmonics' power over the fundamental's, + 0.003) | a limit cycle has corners; every process rounds them off |
-//! | shape of OP | the same of OP | behind a sticking valve PV has more of them than OP |
+//! | share | ln of the share of PV's variance in the band over the largest in the group | an oscillation is strongest at its source |
+//! | shape of PV | ln of (power of the harmonics over that of the fundamental, + 0.003) | a limit cycle has corners; every process rounds them off |
+//! | shape of OP | the same of OP | behind a sticking valve PV has more harmonics than OP |
 //! | stuck | share of the time in which PV stands still while OP moves | friction |
-//! | lead | mean of how much earlier than each other member, in periods, weighted by certainty | a cause comes first |
-//! | master | 1 where it sets another member's set point | it has no valve of its own |
-//! | sticks | ln of the odds of friction by a diagnosis that says so, over its most; in the loop's own group alone | what limits the cycle is the valve |
-//! | upstream | share of the members that lie downstream by what the user said, less that upstream | streams carry it |
+//! | lead | mean lead over each other member (periods), weighted by its certainty | a cause comes first |
+//! | master | 1 where its output is another member's set point | it has no valve of its own |
+//! | upstream | share of the members downstream of it less that upstream, by the configured streams | streams carry the oscillation |
+//! | sticks | ln of the odds of friction by a diagnosis, over their maximum; in the group of the loop's largest oscillation alone | the valve limits the cycle |
 //!
-//! Suspects are the members that can be judged: good samples over half of the time, and in manual for half of it at most. In manual
-//! a loop has no cycle of its own, and no order would come of it. So the probability is that of a source among those that are left;
-//! a load that enters where a loop is in manual is none of them.
+//! Suspects are the members that can be judged: good samples over half of the time, and in manual for at most half of it. A loop in
+//! manual has no limit cycle of its own, and a suspicion of it leads to no order. So P is the probability of a source among the
+//! suspects; a load that enters at a loop in manual is none of them.
 //!
-//! The weights are a conditional logit (McFadden 1974) fitted on simulated plants (`calibrate rank`, seeds of its own); the
-//! probability is what such plants say, so that two suspects who cannot be told apart share it.
+//! The weights are a conditional logit (McFadden 1974) fitted on simulated plants (`calibrate rank`, on seeds of its own). Suspects with
+//! the same signs have the same probability.
 //!
 //! Source of the signs: Thornhill & Horch, Control Eng. Practice 2007, 15, 1196 (distortion and share); Bauer et al., IEEE Trans.
 //! Control Syst. Technol. 2007, 15, 12 (direction by what comes first); Thornhill, J. Process Control 2005, 15, 403 (non-linearity
@@ -28,19 +30,20 @@
 
 use super::cause::is_judged;
 use super::groups::Group;
+use super::lag::delay;
 use super::signs::{PURE, whole};
-use super::spectra::{Spectra, delay, power};
+use super::spectra::{Spectra, power};
 use super::{LoopFound, Plant};
 use crate::sysid::spectrum::Transforms;
 use crate::sysid::stats::mean;
 use nalgebra::Complex;
 
-/// Signs.
+/// Number of signs.
 pub const SIGNS: usize = 8;
 /// Weights of the signs.
 const WEIGHTS: [f64; SIGNS] = [2.766, 0.019, -1.324, 0.069, 3.639, -0.888, 2.0, STICKS];
-/// Weight of a diagnosis that says that the valve sticks: ln of the ratio at which it says so of valves that start a swing (22
-/// of 26) and of other loops (2 of 589), in `causes rows --first 20000 --plants 235`.
+/// Weight of a diagnosis that the valve sticks: ln of the ratio of two rates, that of this diagnosis for valves that start an
+/// oscillation (22 of 26) and for other loops (2 of 589), in `causes rows --first 20000 --plants 235`.
 const STICKS: f64 = 5.0;
 /// Names of the signs.
 pub const NAMES: [&str; SIGNS] = [
@@ -53,27 +56,31 @@ pub const NAMES: [&str; SIGNS] = [
     "lies upstream",
     "sticks",
 ];
-/// Most members that are ranked: the strongest.
+/// Most members that are ranked: those with the largest shares.
 const MOST: usize = 64;
 /// Longest lead (periods).
 const LONGEST: f64 = 1.0;
-/// Least lead that is told (periods): a smaller one is written as none.
+/// Least lead that a sentence gives (periods): a smaller one would be written as 0.00.
 const TOLD: f64 = 0.005;
 
 /// A member of a group, as a suspect.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Suspect {
-    /// Which loop.
+    /// Number of the loop.
     pub at: usize,
     /// Probability that it is the source, given that a suspect is (0..1).
     pub probability: f64,
-    /// The signs, as [`NAMES`] has them.
+    /// The signs, in the order of [`NAMES`].
     pub signs: [f64; SIGNS],
-    /// What speaks for it, the strongest first.
+    /// The evidence for it as sentences, the strongest first.
     pub evidence: Vec<String>,
 }
 
-/// Ranks the members of a group that can be judged, by the group that `found` has each loop in: `number` is its place among them.
+/// The suspects of a group, the likeliest first.
+///
+/// * `number`: number of the group, as [`LoopFound::group`] has it.
+/// * `found`: the results of all loops so far.
+/// * `spectra`: the spectra on the grid of the group.
 pub fn rank(
     number: usize,
     group: &Group,
@@ -103,8 +110,8 @@ pub fn rank(
     suspects
 }
 
-/// The signs that speak for a suspect more than for the average one, where what is said of them holds: more than the average is
-/// not always something.
+/// The evidence for a suspect: a sentence for each sign that raises its score above the average. A sign may be above the average and
+/// still mean nothing, as a small lead does: then it has no sentence.
 fn evidence(signs: &[f64; SIGNS], average: &[f64], at: usize, found: &[LoopFound]) -> Vec<String> {
     let mut for_it: Vec<(f64, usize)> =
         (0..SIGNS).map(|k| (WEIGHTS[k] * (signs[k] - average[k]), k)).filter(|e| e.0 > 0.1).collect();
@@ -138,6 +145,7 @@ fn evidence(signs: &[f64; SIGNS], average: &[f64], at: usize, found: &[LoopFound
     for_it.into_iter().filter_map(|(_, k)| say(k)).collect()
 }
 
+/// The signs of each of `members`.
 fn signs(
     members: &[usize],
     (number, group): (usize, &Group),
@@ -171,7 +179,7 @@ fn signs(
             let op = whole(&of.op, transforms);
             let pv = spectra.spectrum(i);
             let is_master = group.members.iter().any(|j| found[*j].master == Some(i));
-            // One valve has one limit cycle: it starts the loop's largest oscillation and no other.
+            // A valve has one limit cycle: it can be the source of the loop's largest oscillation only.
             let sticks =
                 if found[i].group == Some(number) { found[i].signs[super::signs::STICKS] } else { 0.0 };
             [
@@ -189,8 +197,10 @@ fn signs(
         .collect()
 }
 
-/// Power around two and three times the frequency, less that between them, over that around the frequency itself; `bins` of a
-/// transform of length `m`, the period in samples.
+/// Power of the second and the third harmonic, less that between the harmonics, over the power of the fundamental (-).
+///
+/// * `bins`: spectrum, of a transform of length `m`.
+/// * `period`: period of the fundamental (samples).
 pub fn harmonics<T: Copy + Into<f64>>(bins: &[Complex<T>], m: usize, period: f64) -> f64 {
     /// Half width of a harmonic, in fundamental frequencies.
     const HALF: f64 = 0.15;
@@ -204,12 +214,12 @@ pub fn harmonics<T: Copy + Into<f64>>(bins: &[Complex<T>], m: usize, period: f64
         (around(times) - between).max(0.0)
     };
     let own = around(1.0);
-    // A multiple beyond the end of the spectrum is not there.
+    // A harmonic beyond the end of the spectrum counts as 0.
     if own > 0.0 { (above(2.0, 0.5) + above(3.0, 0.5)) / own } else { 0.0 }
 }
 
-/// Share of the other suspects that lie downstream, less that upstream, by what the user said. A stream goes `through` every
-/// member, whether it is a suspect or not.
+/// For each suspect the share of the other suspects that lie downstream of it, less the share upstream, by the configured streams (-).
+/// `through`: the loops that a stream may pass, suspects or not.
 fn downstream(suspects: &[usize], through: &[usize], found: &[LoopFound]) -> Vec<f64> {
     let feeds = |a: usize, b: usize| found[b].upstream.contains(&found[a].name);
     let reached = |from: usize| {

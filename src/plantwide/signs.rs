@@ -1,20 +1,20 @@
-//! What the causes of a loop are told by: one number a sign, none of which depends on units.
+//! The features of one loop, called signs, by which its cause is found ([`super::cause`]). They do not depend on units.
 //!
-//! | sign | what |
+//! | sign | what it is |
 //! |---|---|
-//! | limits | share of the time with OP at a limit, or at the largest or least value that it has where it stops there again and again |
-//! | steps | ln of (PV's step over its standard deviation + 0.01) |
-//! | noise | share of PV's variance that is noise, times that of OP: noise of a loop at rest moves nothing |
+//! | limits | share of the time with OP at a limit, or at its own largest or least value where it stops there again and again |
+//! | steps | ln of (quantum of PV over its standard deviation, + 0.01) |
+//! | noise | share of PV's variance that is noise, times that of OP: the noise of a loop at rest moves nothing |
 //! | held | longest stretch in which PV does not change at all, as a share of the record |
 //! | swing | share of the variance in the largest oscillation; 0 without one |
-//! | steady | its steadiness: 1 for a sine, 0.67 for noise in a band |
-//! | corners of PV, of OP | ln of (power of its harmonics over its own + 0.003) |
+//! | steady | steadiness of that oscillation: 1 for a sine, 0.67 for band-limited noise |
+//! | corners of PV, of OP | ln of (power of the harmonics over that of the fundamental, + 0.003) |
 //! | stuck | share of the time in which PV stands still while OP moves; 0 where OP does not move |
-//! | sticks | ln of the odds of friction by a diagnosis that says so, at most 3; else 0 |
-//! | sound | 1 where a diagnosis says that the valve is sound |
-//! | Harris | the index, 0.5 where it is not known |
-//! | slow | share of the error's variance that is slower than a twentieth of the record |
-//! | effort | ln of OP's standard deviation over PV's, both in their noise |
+//! | sticks | ln of the odds of friction, at most 3, where a diagnosis has found friction; otherwise 0 |
+//! | sound | 1 where a diagnosis has found that the valve is sound; otherwise 0 |
+//! | Harris | Harris index for a dead time of one sample; 0.5 where it is not known |
+//! | slow | share of the error's variance at periods longer than a twentieth of the record |
+//! | effort | ln of OP's standard deviation over PV's, each in units of its noise |
 
 use super::rank::harmonics;
 use super::{LoopFound, PlantLoop};
@@ -23,28 +23,29 @@ use crate::indicators::noise::Spread;
 use crate::sysid::spectrum::{Spectrum, Transforms};
 use crate::sysid::stats::{mean, range};
 
-/// How many.
+/// Number of signs.
 pub const SIGNS: usize = 14;
-/// Where the one of a diagnosis that says that the valve sticks stands.
+/// Position of the sign *sticks*.
 pub const STICKS: usize = 9;
 /// The signs of one loop.
 pub type Signs = [f64; SIGNS];
-/// What is added to a share of harmonics: no measured wave is purer.
+/// Added to the share of harmonics (-): no measured sine is purer.
 pub const PURE: f64 = 0.003;
-/// What is added to a step: finer ones are none.
+/// Added to a quantum in standard deviations (-): finer ones make no difference.
 const FINE: f64 = 0.01;
-/// The most that a diagnosis of friction counts (log odds): its model may be wrong.
+/// Largest log odds of a diagnosis of friction that count (-): its model may be wrong.
 pub const SURE: f64 = 3.0;
-/// Part of the record that is slow.
+/// Periods longer than the record divided by this are slow.
 const SLOW: f64 = 20.0;
-/// Fewest values of an OP that moves freely: of fewer each is often the largest or the least.
+/// Fewest distinct values of an OP that moves freely: with fewer, the largest and the least are frequent by themselves.
 const VALUES: usize = 40;
-/// Distance from a value that is at it, as a part of OP's range.
+/// Distance up to which OP is at a value, as a share of its range.
 const AT: f64 = 1e-3;
-/// How many times as often as at the value beside it OP is at a stop: in simulated loops 11 times and more.
+/// Least ratio of the samples at a stop to those at the value beside it: in simulated loops it is 11 and more.
 const OFTEN: usize = 4;
-/// Samples of a stay at a stop, and fewest stays.
+/// Fewest samples of a stay at a stop.
 const STAY: usize = 3;
+/// Fewest stays at a stop.
 const AGAIN: usize = 3;
 
 /// The signs of a loop.
@@ -58,10 +59,10 @@ pub fn signs(of: &PlantLoop, found: &LoopFound, transforms: &mut Transforms) -> 
     };
     let friction = of.friction.as_ref();
     let odds = |p: f64| (p / (1.0 - p).max(1e-9)).max(1.0).ln().min(SURE);
-    // Rows between samples have less noise than these, and none that is white.
+    // Thinned rows have less noise than the samples, and not white noise: the spread of the samples is used.
     let (pv, op) = of.raw.map_or_else(|| (Spread::of(&w.pv), Spread::of(&w.op)), |raw| (raw.pv, raw.op));
     [
-        // A controller may be stopped long before the limits that somebody knows of.
+        // A controller may stop well before the configured limits.
         i.at_limits.unwrap_or(0.0).max(at_extremes(&w.op)),
         (i.kept.quantisation + FINE).ln(),
         i.kept.noise_share * noise_share(&op),
@@ -73,7 +74,7 @@ pub fn signs(of: &PlantLoop, found: &LoopFound, transforms: &mut Transforms) -> 
         i.stuck.unwrap_or(0.0),
         friction.filter(|own| own.sticks).map_or(0.0, |own| odds(own.probability)),
         f64::from(u8::from(friction.is_some_and(|own| !own.sticks))),
-        i.harris.map_or(0.5, |own| own.index),
+        i.harris_of_one.map_or(0.5, |own| own.index),
         slow(&known_errors(&w.pv, w.sp.as_deref(), of.sp_known.as_deref()), transforms),
         effort(&op, &pv),
     ]
@@ -86,11 +87,12 @@ pub fn whole(x: &[f64], transforms: &mut Transforms) -> Option<Spectrum> {
     (x.len() > 60 && x.iter().all(|x| x.is_finite())).then(|| transforms.spectrum(&x))
 }
 
+/// The share of a signal's variance that is noise (0..1).
 fn noise_share(x: &Spread) -> f64 {
     if x.sd > 0.0 { (x.finest / x.sd).powi(2).min(1.0) } else { 0.0 }
 }
 
-/// Share of the samples at the largest or the least value, whichever is a stop; 0 where neither is.
+/// The share of the samples at the largest or at the least value of OP, where that is a stop; otherwise 0.
 fn at_extremes(op: &[f64]) -> f64 {
     let (low, high) = range(op);
     let mut values = op.to_vec();
@@ -104,10 +106,10 @@ fn at_extremes(op: &[f64]) -> f64 {
     at_stop(&over).max(at_stop(&under))
 }
 
-/// Share of the samples at a value, by how far OP is from it, in ranges.
+/// The share of the samples at a value where that is a stop; otherwise 0. `far`: distance of OP from the value, in ranges of OP.
 ///
-/// A stop holds OP again and again, and far more often than OP is at the value beside it. A swing in steps turns at its largest
-/// value, too, but is at most two and a half times as often there as a step below.
+/// A stop holds OP again and again, and far more often than OP is at the value beside it. A quantised oscillation turns at its largest
+/// value, too, but is there at most two and a half times as often as one step below.
 fn at_stop(far: &[f64]) -> f64 {
     let is_at = |x: &f64| *x <= AT;
     let at = far.iter().filter(|x| is_at(x)).count();
@@ -118,7 +120,7 @@ fn at_stop(far: &[f64]) -> f64 {
     if stays >= AGAIN && at > OFTEN * beside { at as f64 / far.len() as f64 } else { 0.0 }
 }
 
-/// Longest stretch of equal values, as a share.
+/// The longest stretch of equal values, as a share of all (0..1).
 pub fn held(x: &[f64]) -> f64 {
     let (mut longest, mut run) = (0, 0);
     for pair in x.windows(2) {
@@ -128,6 +130,7 @@ pub fn held(x: &[f64]) -> f64 {
     longest as f64 / x.len().max(1) as f64
 }
 
+/// The share of the error's variance at slow periods (0..1).
 fn slow(e: &[f64], transforms: &mut Transforms) -> f64 {
     let Some(spectrum) = whole(e, transforms) else { return 0.0 };
     let power = |bins: &[nalgebra::Complex<f64>]| bins.iter().map(|x| x.norm_sqr()).sum::<f64>();
@@ -136,6 +139,7 @@ fn slow(e: &[f64], transforms: &mut Transforms) -> f64 {
     if all > 0.0 { power(&spectrum.bins[1..=first]) / all } else { 0.0 }
 }
 
+/// ln of OP's standard deviation over PV's, each in units of its noise (-).
 fn effort(op: &Spread, pv: &Spread) -> f64 {
     let over = |x: &Spread| x.sd / x.finest.max(1e-3 * x.sd).max(f64::MIN_POSITIVE);
     (over(op).max(1e-3) / over(pv).max(1e-3)).ln()

@@ -1,16 +1,16 @@
-//! All loops on common grids of time, and what two of them have in common in a band.
+//! The spectra of all loops on common grids of time, with the coherence of two loops in a band.
 //!
 //! ```text
 //! S_ij = sum over the band of X_i[f] conj(X_j[f])      gamma² = |S_ij|² / (S_ii S_jj)
 //! ```
 //!
-//! X is the spectrum of PV without its trend. By Parseval S_ij is the mean product of the two band-passed signals, so that a
-//! period which wanders in both alike leaves them coherent, while two loops that swing by themselves lose each other. Neither a
-//! harmonic nor another sampling changes it: values are interpolated, which leaves an oscillation of four samples and more as it is,
-//! and what is too fast for the steps of a much faster loop's grid is taken out.
+//! X_i: spectrum of PV of loop i without its trend; gamma²: coherence (-). By Parseval's theorem S_ij is the mean product of the two
+//! band-passed signals. So two loops stay coherent where their period varies in the same way, and two loops that oscillate
+//! independently do not. Harmonics and different sampling leave it as it is: PV is interpolated, which keeps oscillations of four
+//! samples and more, and low-passed where a loop is sampled much faster than the grid.
 //!
-//! A grid has at most 8,192 steps. Where the samples of most loops are nearer, periods of five steps and more are compared on it, of
-//! PV without what is faster, and shorter ones on a second grid: in the steps of the samples, over the latest time that so many of
+//! A grid has at most 8,192 steps. Where most loops are sampled faster than its steps, it compares periods of at least five steps, of
+//! a low-passed PV. Shorter periods are compared on a second grid with the steps of the samples, over the latest time that 8,192 of
 //! them cover.
 //!
 //! Source: Bendat & Piersol, Random Data, 2010, section 5.2 (coherence).
@@ -24,37 +24,39 @@ use nalgebra::Complex;
 use std::f64::consts::PI;
 use std::ops::{Range, RangeInclusive};
 
-/// Fewest samples.
+/// Fewest samples of a loop.
 const LEAST: usize = 60;
-/// Most samples of the grid.
+/// Most steps of a grid.
 const MOST: f64 = 8192.0;
-/// Steps of a grid coarser than the samples in the shortest period that is compared on it: what is too fast for it is taken out
-/// before, and from five steps on that leaves nine tenths of a wave.
+/// Steps in the shortest period that is compared on a grid coarser than the samples: the low-pass filter keeps nine tenths of the
+/// amplitude from five steps on.
 const FASTEST: f64 = 5.0;
-/// Samples of a loop a step up to which they are interpolated, on a grid in the steps of most loops: the rates of the groups and
-/// their sources are measured so (ratios of 2 and 4).
+/// Samples per step up to which a loop is interpolated and not low-passed, on a grid with the steps of most loops. The rates in
+/// `docs/plantwide.md` were measured so, with 2 and 4 samples per step.
 const INTERPOLATED: f64 = 4.0;
-/// Half width of the band in which two loops are compared, as a factor.
+/// Ratio of the limits of a band to its middle.
 const NARROW: f64 = 1.15;
-/// Part of either end that is tapered.
+/// Share of a signal that is tapered at either end.
 const TAPER: f64 = 0.05;
-/// Part of the time at either end that a record may lack.
+/// Share of the time of a grid that a record may lack at either end.
 const LACKS: f64 = 0.1;
 /// Most grids: each costs another pass over all loops.
 const MOST_GRIDS: usize = 4;
 
-/// Over which time a window goes, and in what steps.
+/// The time that a window covers, and its sample period.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Span {
+    /// Time of the first sample (s).
     t0: f64,
+    /// Sample period (s).
     ts: f64,
     samples: usize,
-    /// Whether there is enough of it, and all of it finite.
+    /// Whether it has enough samples, and all of them are finite.
     usable: bool,
 }
 
 impl Span {
-    /// That of PV.
+    /// The span of a window's PV.
     pub fn of(w: &Window) -> Self {
         let usable =
             w.ts > 0.0 && w.pv.len() > LEAST && w.pv.iter().all(|x| x.is_finite()) && w.t0.is_finite();
@@ -70,7 +72,7 @@ impl Span {
     }
 }
 
-/// The spectrum of one loop, in single precision: of all loops it is kept at once.
+/// The spectrum of one loop, in single precision, because those of all loops are kept at once.
 struct Bins {
     x: Vec<Complex<f32>>,
     /// Sum of the squares of all bins but the first.
@@ -83,10 +85,11 @@ pub struct Spectra {
     pub ts: f64,
     /// Samples of the grid.
     pub n: usize,
-    /// Where the grid begins and ends (s).
+    /// Beginning of the grid (s).
     from: f64,
+    /// End of the grid (s).
     to: f64,
-    /// Median time between two samples of the loops that it is of (s).
+    /// Median sample period of the loops for which it was made (s).
     sampling: f64,
     /// Periods that are compared on it (s).
     periods: Range<f64>,
@@ -116,7 +119,8 @@ impl Spectra {
         self.ts > THINNED * self.sampling
     }
 
-    /// The grid for what is too fast for this one, which leaves it to that; none where this one has the steps of the samples.
+    /// The grid for the periods that are too fast for this one, which then compares the others only; none where this grid has the steps
+    /// of the samples.
     fn refined(&mut self) -> Option<Self> {
         self.is_coarse().then(|| {
             let border = FASTEST * self.ts;
@@ -136,7 +140,7 @@ impl Spectra {
         (self.from + lacks, self.to - lacks)
     }
 
-    /// Whether a record of this span has its place on the grid: one that covers less says nothing of the rest.
+    /// Whether a record of this span has a place on the grid: it must cover the time of the grid.
     fn is_covered_by(&self, span: &Span) -> bool {
         let (from, to) = self.covered();
         span.usable && span.t0 <= from && span.end() + span.ts >= to
@@ -179,7 +183,7 @@ impl Spectra {
         x
     }
 
-    /// PV at the steps of the grid: interpolated, or without what is too fast for them.
+    /// PV at the steps of the grid: interpolated, or low-passed.
     fn on_grid(&self, w: &Window) -> Vec<f64> {
         if self.ts > w.ts * if self.is_coarse() { THINNED } else { INTERPOLATED } {
             let points = w.pv.iter().enumerate().map(|(k, x)| (w.t0 + k as f64 * w.ts, *x));
@@ -243,11 +247,12 @@ impl Spectra {
     }
 }
 
-/// Grids, without loops yet, on which every loop that can be compared with another has its place, that of the longest records
-/// first.
+/// The grids, without spectra yet, the one for the longest records first. Every loop that can be compared with another has a place on
+/// one of them.
 ///
-/// On one grid for all, loops with shorter records than most would have no place, and those with longer ones only a part of what
-/// is known of them. Each is of the records at least half as long as the longest without a place; longer ones have theirs too.
+/// On a single grid, loops with shorter records than most would have no place, and of loops with longer ones a part would be lost.
+/// So the first grid is made for the records at least half as long as the longest, the next for such records among those without a
+/// place, and so on. Longer records have a place on the later grids, too.
 pub fn grids(spans: &[Span]) -> Vec<Spectra> {
     let mut left: Vec<Span> = spans.iter().filter(|span| span.usable).copied().collect();
     let mut grids = Vec::new();
@@ -258,7 +263,7 @@ pub fn grids(spans: &[Span]) -> Vec<Spectra> {
         let before = left.len();
         left.retain(|span| !grid.is_covered_by(span));
         if left.len() == before {
-            // Records of times that have nothing in common.
+            // These records have no common time: they get no grid.
             left.retain(|span| span.length() < half);
         } else if spans.iter().filter(|span| grid.is_covered_by(span)).count() > 1 {
             let fine = grid.refined();
@@ -269,8 +274,8 @@ pub fn grids(spans: &[Span]) -> Vec<Spectra> {
     grids
 }
 
-/// In double precision, in which all sums are taken.
-fn wide<T: Copy + Into<f64>>(x: Complex<T>) -> Complex<f64> {
+/// A bin in double precision, in which all sums are computed.
+pub(super) fn wide<T: Copy + Into<f64>>(x: Complex<T>) -> Complex<f64> {
     Complex::new(x.re.into(), x.im.into())
 }
 
@@ -279,41 +284,17 @@ pub fn power<T: Copy + Into<f64>>(x: &[Complex<T>]) -> f64 {
     x.iter().map(|x| wide(*x).norm_sqr()).sum()
 }
 
-/// gamma² of two loops in a band, and S_ij.
+/// The coherence gamma² of two loops in a band (-), and S_ij. `a`, `b`: their bins in the band.
 pub fn coherence(a: &[Complex<f32>], b: &[Complex<f32>]) -> (f64, Complex<f64>) {
     let cross: Complex<f64> = a.iter().zip(b).map(|(a, b)| wide(*a) * wide(*b).conj()).sum();
     let both = power(a) * power(b);
     (if both > 0.0 { cross.norm_sqr() / both } else { 0.0 }, cross)
 }
 
-/// By how much b is later than a (s), by the slope of the phase over the band; its standard error, too.
-///
-/// `delay = sum w (f - mean f)(phase - mean phase) / (2 pi sum w (f - mean f)²)`, w the size of the cross spectrum, phases
-/// about that of S_ab.
-pub fn delay(a: &[Complex<f32>], b: &[Complex<f32>], step_hz: f64) -> (f64, f64) {
-    let (gamma, cross) = coherence(a, b);
-    let turn = cross.conj() / cross.norm().max(f64::MIN_POSITIVE);
-    let (mut w0, mut w1, mut w2, mut p0, mut p1) = (0.0, 0.0, 0.0, 0.0, 0.0);
-    for (k, (a, b)) in a.iter().zip(b).enumerate() {
-        let cross = wide(*a) * wide(*b).conj() * turn;
-        let (w, phase, f) = (cross.norm(), cross.arg(), k as f64 * step_hz);
-        (w0, w1, w2, p0, p1) = (w0 + w, w1 + w * f, w2 + w * f * f, p0 + w * phase, p1 + w * phase * f);
-    }
-    let spread = w2 - w1 * w1 / w0.max(f64::MIN_POSITIVE);
-    if spread.is_nan() || spread <= 0.0 {
-        return (0.0, f64::INFINITY);
-    }
-    let slope = (p1 - p0 * w1 / w0) / spread / (2.0 * PI);
-    // Padding halves the independent bins.
-    let free = (0.5 * a.len() as f64 - 2.0).max(1.0);
-    let error =
-        ((1.0 - gamma).max(1e-6) / (2.0 * gamma.max(1e-6) * free)).sqrt() / (2.0 * PI * (spread / w0).sqrt());
-    (slope, error)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::plantwide::lag::delay;
     use std::f64::consts::TAU;
 
     fn loops(signals: &[Vec<f64>], ts: &[f64]) -> Vec<PlantLoop> {

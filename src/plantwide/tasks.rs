@@ -1,27 +1,27 @@
-//! What to do, source before victims: one task for each loop that has a cause of its own.
+//! The tasks of a plant: one for each loop that has a cause of its own, the source of a group before its victims.
 
-use super::cause::STANDS_OUT;
+use super::cause::{STANDS_OUT, with_untold};
 use super::{Analysis, Cause};
 
-/// One thing to do, and whose trouble it may end.
+/// One task, with the loops that may be calmer when it is done.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Task {
-    /// The loop to look at.
+    /// Number of the loop to inspect.
     pub at: usize,
-    /// Why it is not at rest.
+    /// Its cause.
     pub cause: Cause,
-    /// Probability of the cause (0..1); none of `unknown`: there is nothing to be sure of.
+    /// Probability of the cause (0..1); none for `unknown`.
     pub probability: Option<f64>,
-    /// Loops that are calmer when it is done, in the mean: the sum, over the loop and those of which it is the likeliest source, of
-    /// the probability that it is the source.
+    /// Expected number of loops that are calmer when it is done: the sum of the probabilities that the loop is the source, over itself
+    /// and the loops of which it is the likeliest source.
     pub worth: f64,
-    /// One sentence.
+    /// The sentence that operators read.
     pub why: String,
-    /// Loops that are expected to calm down with it: those of which it is the source with [`STANDS_OUT`] or more.
+    /// The loops that are expected to calm down with it: those of which it is the source with a probability of [`STANDS_OUT`] or more.
     pub victims: Vec<usize>,
 }
 
-/// The tasks of a plant, those of the greatest worth first; of equals the one whose cause is surest.
+/// The tasks of a plant, the one with the largest worth first; of equals the one with the most probable cause.
 pub fn tasks(found: &Analysis) -> Vec<Task> {
     let mut tasks: Vec<Task> = Vec::new();
     for ((at, of), follow) in found.loops.iter().enumerate().zip(followers(found)) {
@@ -33,10 +33,12 @@ pub fn tasks(found: &Analysis) -> Vec<Task> {
                 let (cause, probability, why) = (reason.cause, reason.probability, reason.why.clone());
                 tasks.push(Task { at, cause, probability, worth: reason.source + others, why, victims });
             }
-            // The likeliest source of a group may have its own largest swing in another one, as a neighbour there.
+            // The likeliest source of one group may have its largest oscillation in another group, with the cause `neighbour` there.
             reason if !follow.is_empty() => {
                 let first = reason.as_ref().and_then(|reason| reason.neighbour);
-                let why = second(follow.len(), first.map(|first| found.loops[first].name.as_str()));
+                let why =
+                    why_in_another_group(follow.len(), first.map(|first| found.loops[first].name.as_str()));
+                let why = with_untold(why, of);
                 tasks.push(Task {
                     at,
                     cause: Cause::Unknown,
@@ -54,8 +56,9 @@ pub fn tasks(found: &Analysis) -> Vec<Task> {
     tasks
 }
 
-/// What is said of the likeliest source of so many loops whose own largest swing is another one, with its likeliest source.
-fn second(many: usize, first: Option<&str>) -> String {
+/// The sentence for a loop that is the likeliest source of `many` others, and whose own largest oscillation is another one. `first`: the
+/// likeliest source of that other oscillation.
+fn why_in_another_group(many: usize, first: Option<&str>) -> String {
     let swing = match many {
         1 => "1 loop that swings".to_string(),
         many => format!("{many} loops that swing"),
@@ -67,7 +70,7 @@ fn second(many: usize, first: Option<&str>) -> String {
     format!("it is the likeliest source of {swing} with it; {own}")
 }
 
-/// Of each loop those of which it is the likeliest source, with the probability that it is.
+/// For each loop the loops of which it is the likeliest source, each with the probability that it is.
 fn followers(found: &Analysis) -> Vec<Vec<(usize, f64)>> {
     let mut followers = vec![Vec::new(); found.loops.len()];
     for (at, of) in found.loops.iter().enumerate() {

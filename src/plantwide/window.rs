@@ -1,14 +1,13 @@
-//! A record of any sampling as a window on an equal grid: PV, OP and stem drawn through, set points held.
+//! A record of any sampling as a window on an equal grid. PV, OP and stem are interpolated; set point and mode are held.
 //!
-//! Where it is thinned, a value picked now and then would show a fast cycle as a slow one: `points::low_passed` takes what is too
-//! fast out before. What is left has no steps of its own any more, and a cycle within a row no travel: the steps of PV and the work
-//! of the valve are taken before.
+//! A record with more samples than rows is *thinned*. Single values of it would alias a fast cycle, so that it is low-passed first
+//! (`points::low_passed`). The filter also removes the quantum of PV and the travel within a row: both are computed from the samples
+//! before ([`Raw`], [`Work`]).
 //!
-//! Unlike the diagnosis's gate it keeps the whole record, gaps and all: an oscillation is asked of all the time there is. What
-//! good samples of PV and OP do not cover is marked as missing, so that what hardly anything was measured of has no values.
-//! Stem, mode and set point are known as long as they were sampled. A source that sends changes only repeats no value: its silence
-//! says that nothing has changed, until it says that something is wrong. An OP that such a source sends stands still until its
-//! next change.
+//! Unlike the gate of the diagnosis, it keeps the whole record with its gaps, because oscillations are searched for over all of its time.
+//! Rows that good samples of PV and OP do not cover are marked as missing. Stem, mode and set point are known as long as they were
+//! sampled. A source that sends changes only never repeats a value: while it is silent its value is unchanged, until a sample that is
+//! not good. OP from such a source stands still until its next change.
 
 pub(super) mod points;
 mod tag;
@@ -24,34 +23,34 @@ use tag::{Tag, Zero};
 
 /// Fewest good samples.
 const LEAST: usize = 60;
-/// Share of the standard deviation of OP or PV that its rows keep, below which its movement is not in them (-): of a cycle they keep
-/// half at 3.2 rows a period where a row has 1.4 samples, and at 2.9 rows where it has many.
+/// Share of the standard deviation of OP or PV that its rows must keep (-): below it, most of its movement is too fast for them. The
+/// filter keeps half of a cycle of 3.2 rows where a row has 1.4 samples, and of 2.9 rows where it has many.
 const BLURRED: f64 = 0.5;
 
-/// What thinning takes from PV and OP, taken before.
+/// Properties of the samples of PV and OP that thinning removes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Raw {
-    /// Step of PV (PV unit); 0 where it has none.
+    /// Quantum of PV (PV unit); 0 where it has none.
     pub step: f64,
-    /// Longest stretch in which PV does not change, as a share of the samples.
+    /// Longest stretch in which PV does not change, as a share of the samples (0..1).
     pub held: f64,
-    /// How PV spreads.
+    /// Spread of PV.
     pub pv: Spread,
-    /// How OP spreads.
+    /// Spread of OP.
     pub op: Spread,
 }
 
-/// What a valve did from row to row, by the samples of the stem or of OP.
+/// Travel and reversals of a valve from row to row, by the samples of the stem or of OP.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Work {
-    /// Its way until each row begins, and until the last ends (OP unit).
+    /// Travel up to the beginning of each row, and up to the end of the last (OP unit).
     way: Vec<f64>,
-    /// Its turns until then.
+    /// Number of reversals up to then.
     turns: Vec<f64>,
 }
 
 impl Work {
-    /// From the samples, over rows that begin and end at `edges` (s).
+    /// The work by the samples. `edges`: the beginning of each row, and the end of the last (s).
     fn of(points: &Points, edges: impl Iterator<Item = f64> + Clone) -> Self {
         let (mut way, mut turns, mut gone) = (Vec::new(), Vec::new(), 0.0);
         let mut before = points[0].1;
@@ -62,46 +61,48 @@ impl Work {
             way.push((t, gone));
             turns.push((t, count as f64));
         }
-        // The last is the end of the samples, and no turn.
+        // The last point is the end of the samples, and not a reversal.
         turns.pop();
         Self { way: picked(&way, edges.clone(), false), turns: picked(&turns, edges, true) }
     }
 
-    /// What it comes to in a day, where it was seen for so long (s).
+    /// Travel and reversals in a day. `seen_s`: time for which the valve was observed (s).
     pub fn travel(&self, seen_s: f64) -> Travel {
         let over = |x: &[f64]| x.first().zip(x.last()).map_or(0.0, |(first, last)| last - first);
         Travel::new(over(&self.way), over(&self.turns), seen_s)
     }
 
-    /// From a row on.
+    /// The work from row `from` on.
     fn tail(&self, from: usize) -> Self {
         let last = |x: &[f64]| x.get(from..).unwrap_or_default().to_vec();
         Self { way: last(&self.way), turns: last(&self.turns) }
     }
 }
 
-/// The loop of a record, over all of its time: its samples, or about `most` rows where there are more of them than that by a fifth.
+/// The loop of a record over all of its time.
+///
+/// * `most`: number of rows where there are more samples than that by a fifth; otherwise the rows are the samples.
 ///
 /// # Errors
-/// Why the record cannot be used.
+/// The record has too few good samples of PV, or none of OP.
 pub fn of_record(name: &str, record: &Record, most: usize) -> Result<PlantLoop, String> {
     let tags = Tags::of(record)?;
     let (from, to) = tags.span();
-    let ts = apart(interval(&tags.pv.points), to - from, most);
+    let ts = row_period(interval(&tags.pv.points), to - from, most);
     Ok(PlantLoop { name: name.into(), op_limits: record.op_limits, ..tags.rows(ts, usize::MAX) })
 }
 
-/// The same over the latest part of a record: its latest `most` samples, and where these do not cover `hour_s` (s), that time in about
-/// as many rows, unless such rows hide most of what PV does. How far back the record goes does not change them, once it goes back so
-/// far.
+/// The loop of the latest part of a record: its latest `most` samples, or the latest `hour_s` (s) in about as many rows where the
+/// samples do not cover that time. Where such rows remove most of the movement of PV, it is the latest samples after all. The rows do
+/// not depend on how long the record is, once it is long enough.
 ///
 /// # Errors
-/// Why the record cannot be used.
+/// The record has too few good samples of PV, or none of OP.
 pub fn recent(name: &str, record: &Record, hour_s: f64, most: usize) -> Result<PlantLoop, String> {
     let tags = Tags::of(record)?;
     let (from, to) = tags.span();
     let length_s = hour_s.min(to - from);
-    let ts = apart(interval(&tags.pv.points), length_s, most);
+    let ts = row_period(interval(&tags.pv.points), length_s, most);
     let mut of = tags.rows(ts, most.max((length_s / ts).ceil() as usize));
     if of.pv_blurred {
         of = tags.rows(interval(&tags.pv.points), most);
@@ -109,14 +110,14 @@ pub fn recent(name: &str, record: &Record, hour_s: f64, most: usize) -> Result<P
     Ok(PlantLoop { name: name.into(), op_limits: record.op_limits, ..of })
 }
 
-/// Time between rows over `length_s`, `most` of them (s): that of the samples, `interval` (s), where these are not many more. Rows a
-/// little further apart would lie between samples, and blunt the noise that is told by.
-fn apart(interval: f64, length_s: f64, most: usize) -> f64 {
+/// The period of the rows (s), at most `most` of them over `length_s` (s). It is that of the samples, `interval` (s), where there are
+/// not many more samples: rows a little further apart would lie between samples, and interpolation would reduce the noise.
+fn row_period(interval: f64, length_s: f64, most: usize) -> f64 {
     let ts = length_s / most.max(2) as f64;
     if ts > THINNED * interval { ts } else { interval }
 }
 
-/// What there is of each tag of a record.
+/// The tags of a record.
 struct Tags {
     op: Tag,
     pv: Tag,
@@ -137,17 +138,17 @@ impl Tags {
             kept(series.as_deref().map(|series| Tag::of(series, Zero::Value, None)), 1)
         };
         let stem = record.mv.as_deref().map(|series| Tag::of(series, Zero::DropOut, record.limits()));
-        // Of a stem that is hardly ever measured the travel is not known.
+        // A stem with too few samples is left out, because its travel is not known.
         Ok(Self { op, pv, sp: held(&record.sp), mode: held(&record.mode), stem: kept(stem, LEAST) })
     }
 
-    /// From the first sample of PV to the last (s).
+    /// The times of the first and the last sample of PV (s).
     fn span(&self) -> (f64, f64) {
         let ends = self.pv.points.first().zip(self.pv.points.last());
         ends.map_or((0.0, 0.0), |(first, last)| (first.0, last.0))
     }
 
-    /// What thinning takes, from a time on (s). OP is that of rows which are not thinned.
+    /// The properties that thinning removes, from the time `from` on (s). OP is interpolated at the samples of PV.
     fn raw(&self, from: f64) -> Raw {
         let points = &self.pv.points;
         let points = &points[points.partition_point(|point| point.0 < from)..];
@@ -156,7 +157,7 @@ impl Tags {
         Raw { step: noise::step(&pv), held: held(&pv), pv: Spread::of(&pv), op: Spread::of(&op) }
     }
 
-    /// The last rows, at most `most`, of those that lie `ts` (s) apart from the first sample of PV on.
+    /// The last rows, at most `most`, of a grid with the period `ts` (s) that begins at the first sample of PV.
     fn rows(&self, ts: f64, most: usize) -> PlantLoop {
         let (from, to) = self.span();
         let n = ((to - from) / ts) as usize + 1;
@@ -172,13 +173,13 @@ impl Tags {
         let drawn = |tag: &Tag| through(tag, &tag.points);
         let output = |tag: &Tag| through(tag, &tag.corners());
         let set_point = |tag: &Tag| {
-            // That of a cascade has to stay the same as its master's OP; a step by hand stays a step.
+            // A set point from a master is treated like its OP, so that both stay the same; a step by hand stays a step.
             let is_output = tag.points.len() > n && is_moved(&values(&tag.points));
             if is_output { output(tag) } else { picked(&tag.points, grid.times(), true) }
         };
         let near = |tag: &Tag| tag.near(grid.times(), to);
         let known = |tag: &Tag| tag.known(grid.times(), to);
-        // None where all are known.
+        // None where all rows are known.
         let unless_all = |known: Vec<bool>| known.contains(&false).then_some(known);
         // An OP that is sent by changes stands still in manual and at a limit; a PV hardly ever does.
         let covered = if self.op.by_changes { known(&self.op) } else { near(&self.op) };
@@ -199,7 +200,7 @@ impl Tags {
         let raw = is_thinned(&self.pv).then(|| self.raw(window.t0));
         let moved = self.stem.as_ref().unwrap_or(&self.op);
         let work = is_thinned(moved).then(|| Work::of(&moved.points, grid.edges()));
-        // Picked values alias a fast cycle, but spread as it does.
+        // Single values alias a fast cycle, but have its standard deviation.
         let is_blurred = |tag: &Tag, rows: &[f64]| {
             is_thinned(tag) && sd(rows) < BLURRED * sd(&picked(&stepped(&tag.points), grid.times(), false))
         };
@@ -215,31 +216,34 @@ impl Tags {
     }
 }
 
-/// PV and what the valve got: OP, with the term of write-back where one acted. Where OP stays at a configured limit it is measured,
-/// though loggers write the same value where nothing was.
+/// PV, and the signal that the valve received: OP plus the term of write-back in force. An OP that stays at a configured limit is
+/// measured, even where the limit is an outage value.
 fn measured(record: &Record) -> (Tag, Tag) {
     let op = Tag::of(&record.input(), Zero::DropOut, record.limits());
     (Tag::of(&record.pv, Zero::DropOut, None), op)
 }
 
-/// Which of PV and OP has been silent for too long at `now` (s), and since when (s): for more than a period of the looks and
-/// more than ten of its sampling intervals. Nothing can be said of such a loop as it is now. An OP that is sent by changes is silent
-/// once it is said to be bad.
+/// Whether PV or OP has been silent for too long, so that the loop cannot be analysed as it is now: the name of the tag, and the time of
+/// its last good sample (s). Too long is more than one period of the analysis, and more than ten of its sampling intervals. OP that is
+/// sent by changes is silent only once a sample of it is bad.
+///
+/// * `now`: the present time (s).
+/// * `period_s`: the period of the analysis (s).
 pub fn silent_since(record: &Record, now: f64, period_s: f64) -> Option<(&'static str, f64)> {
     silent_of(record, period_s, [Source { now, is_there: false }; 2])
 }
 
-/// What is known of a tag's source beside its samples.
+/// What is known of the source of a tag beside its samples.
 #[derive(Clone, Copy, Debug)]
 pub struct Source {
-    /// What the clock that stamps its samples shows now (s).
+    /// The present time by the clock that stamps its samples (s).
     pub now: f64,
-    /// Whether it is there and tells every change: then its last good value stands.
+    /// Whether it is connected and sends every change, so that its last good value holds.
     pub is_there: bool,
 }
 
-/// The same where the sources of PV and OP are known, each for itself. A zero is a value here: a PV that stays at 0 while the unit is
-/// down is not silent. One sample has no interval, so nothing is silent before the second.
+/// The same as [`silent_since`] with the sources of PV and of OP. A zero is a value here: a PV that stays at 0 while the unit is down is
+/// not silent. A tag with fewer than two samples has no interval, and is not silent.
 pub fn silent_of(record: &Record, period_s: f64, sources: [Source; 2]) -> Option<(&'static str, f64)> {
     let [of_pv, of_op] = sources;
     let op = Tag::of(&record.input(), Zero::Value, record.limits());
@@ -251,7 +255,7 @@ pub fn silent_of(record: &Record, period_s: f64, sources: [Source; 2]) -> Option
     })
 }
 
-/// The last `length_s` of a loop, up to now: less of its window where that ended before.
+/// The last `length_s` (s) of a loop up to the present time: less than that of its window, where the window ended earlier.
 pub fn tail(of: &PlantLoop, length_s: f64) -> PlantLoop {
     let n = of.window.pv.len();
     let from = n.saturating_sub(((length_s - of.silent_s) / of.window.ts).ceil().max(1.0) as usize);
@@ -285,6 +289,7 @@ pub fn tail(of: &PlantLoop, length_s: f64) -> PlantLoop {
         work,
         pv_blurred,
         op_blurred,
+        dead_time_s: of.dead_time_s,
         ..PlantLoop::default()
     }
 }

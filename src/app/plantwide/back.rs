@@ -1,12 +1,14 @@
 //! What the store gives back: at the start, for loops that are configured again, and once a store works that could not be read
 //! at the start. What was made meanwhile without it is joined with it, and takes the place of nothing.
 
-use super::health::{FRESH, kept_fresh_s};
+use super::health::{FRESH, ToKeep, kept_fresh_s};
 use super::rows::KeptPlant;
-use super::{Plantwide, lock, rows};
+use super::swings::swings;
+use super::{AT_ONCE, Plantwide, lock, rows};
 use crate::signal::LoopId;
-use crate::work::{Order, State, WorkList};
-use std::collections::{BTreeSet, VecDeque};
+use crate::work::{Measure, Order, State, WorkList};
+use std::collections::{BTreeSet, HashMap, VecDeque};
+use std::sync::Arc;
 
 /// Looks of an order that is joined of two, as many as any order remembers.
 const LOOKS: usize = 240;
@@ -29,7 +31,7 @@ impl Plantwide {
         for order in put_back(&mut list, orders, is_fresh) {
             self.persistence.note_rows(rows::order_rows(&order, None));
         }
-        self.results.swing(list.sources());
+        self.results.swing(swings(&list));
         drop(list);
         let mut health = lock(&self.health);
         for (id, days) in kept.days.into_iter().filter(|(id, _)| ids.contains(id)) {
@@ -47,6 +49,52 @@ impl Plantwide {
                 self.persistence.note_rows(vec![rows::today_row(&own.id, &part, &measure)]);
             }
         }
+    }
+
+    /// The clock was set by so much (s) to `now` (s), so long after the start (s): orders and looks are no older by that.
+    pub(in crate::app) fn clock_was_set(&self, by: f64, now: f64, elapsed_s: f64) {
+        let until = now - by;
+        let since_start = [until - elapsed_s, until];
+        let set = |t: &mut f64| {
+            if (since_start[0]..=until).contains(&*t) {
+                *t += by;
+            }
+        };
+        let mut health = lock(&self.health);
+        health.clock_was_set(since_start, by);
+        // Both are of one look.
+        lock(&self.last).values_mut().for_each(|own| set(&mut own.at));
+        drop(health);
+        if let Some(own) = &mut *lock(&self.overview) {
+            set(&mut Arc::make_mut(own).at);
+        }
+        let mut list = lock(&self.list);
+        let changed = list.clock_was_set(since_start, by);
+        let kept = changed.iter().flat_map(|order| rows::order_rows(order, None));
+        self.persistence.note_rows(kept.collect());
+        self.results.swing(swings(&list));
+    }
+
+    /// Has orders and indicators kept again, all of them.
+    pub(super) fn keep_again(&self) {
+        let list = lock(&self.list);
+        let orders = list.orders().flat_map(|order| rows::order_rows(order, None));
+        self.persistence.note_rows(orders.collect());
+        drop(list);
+        let ids = lock(&self.health).ids();
+        for some in ids.chunks(AT_ONCE) {
+            let health = lock(&self.health);
+            self.note_health(&health.all(some), &lock(&self.measures));
+        }
+    }
+
+    /// Keeps days, and the day so far with how the loops were by the latest look.
+    pub(super) fn note_health(&self, keep: &ToKeep, measures: &HashMap<LoopId, Measure>) {
+        let today = |(id, part): &(LoopId, rows::Part)| {
+            rows::today_row(id, part, &measures.get(id).copied().unwrap_or_default())
+        };
+        let days = keep.days.iter().map(|(id, days)| rows::health_row(id, days));
+        self.persistence.note_rows(days.chain(keep.parts.iter().map(today)).collect());
     }
 }
 
@@ -93,8 +141,34 @@ fn joined(kept: Order, own: Order) -> Order {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::app::persistence::Persistence;
+    use crate::history::History;
     use crate::plantwide::Cause;
+    use crate::results::Results;
+    use crate::schedule::Clock;
+    use crate::serve::{LoopLook, Overview, PlantwidePort};
+    use crate::store::Driven;
     use crate::work::{Act, Config, Measure, Said, Seen};
+
+    #[test]
+    fn the_latest_look_is_as_long_ago_as_before_the_clock_was_set() {
+        let config = crate::config::Config::default();
+        let (history, clock) = (Arc::new(History::new(&[], &config.history)), Clock::by_hand(3600.0));
+        let results = Arc::new(Results::new(&[], 1, &config.alarm));
+        let persistence = Persistence::new(&config, clock, Driven::default(), (&history, &results));
+        let plantwide = Plantwide::new(&config, clock, &history, &results, &persistence);
+        let id = LoopId::new("A");
+        *lock(&plantwide.overview) = Some(Arc::new(Overview { at: 3000.0, ..Overview::default() }));
+        let look = LoopLook { at: 3000.0, ..LoopLook::default() };
+        lock(&plantwide.last).insert(id.clone(), look);
+        let at =
+            || (plantwide.overview().map(|own| own.at), lock(&plantwide.last).get(&id).map(|own| own.at));
+        plantwide.clock_was_set(1e6, 3600.0 + 1e6, 3600.0);
+        assert_eq!(at(), (Some(3000.0 + 1e6), Some(3000.0 + 1e6)));
+        // What it did not stamp since the start stays.
+        plantwide.clock_was_set(7.0, 9e6, 3600.0);
+        assert_eq!(at(), (Some(3000.0 + 1e6), Some(3000.0 + 1e6)));
+    }
 
     /// A list that suspected a loop at each of these hours.
     fn list(hours: std::ops::Range<u32>) -> WorkList {

@@ -4,7 +4,7 @@
 //! The day that has not ended is kept as the means of its looks so far and their counts, so that a start goes on with it.
 
 use super::rows::{Days, Part};
-use crate::indicators::series::{COUNT, Values, over};
+use crate::indicators::series::{COUNT, DEAD, Values, keep_latest_index, over};
 use crate::serve::Health;
 use crate::signal::LoopId;
 use std::array::from_fn;
@@ -129,6 +129,34 @@ impl HealthLog {
         of.of_day(own)
     }
 
+    /// The clock was set by so much (s): looks that it stamped between two times (s) are as long ago as before, and of no other day.
+    pub(super) fn clock_was_set(&mut self, [from, until]: [f64; 2], by: f64) {
+        for of in self.loops.values_mut() {
+            let looks = of.looks.iter_mut().map(|(t, _)| t);
+            let part = of.part.iter_mut().map(|part| &mut part.until);
+            let stamps = looks.chain(part).chain(&mut of.kept_at);
+            stamps.filter(|t| (from..=until).contains(&**t)).for_each(|t| *t += by);
+        }
+    }
+
+    /// The loops of which anything is known.
+    pub(super) fn ids(&self) -> Vec<LoopId> {
+        self.loops.keys().cloned().collect()
+    }
+
+    /// All that is to be kept of all looks at some loops.
+    pub(super) fn all(&self, ids: &[LoopId]) -> ToKeep {
+        let mut keep = ToKeep::default();
+        for (id, of) in ids.iter().filter_map(|id| self.loops.get_key_value(id)) {
+            if !of.days.is_empty() {
+                keep.days.push((id.clone(), of.days(i64::MAX)));
+            }
+            let latest = of.looks.back().map(|(t, _)| *t).or(of.part.as_ref().map(|part| part.until));
+            keep.parts.extend(latest.and_then(|t| of.of_day(day(t))).map(|part| (id.clone(), part)));
+        }
+        keep
+    }
+
     pub(super) fn keep_only(&mut self, ids: &BTreeSet<LoopId>) {
         self.loops.retain(|id, _| ids.contains(id));
     }
@@ -149,7 +177,17 @@ impl HealthLog {
         let week = of.looks.iter().filter(|(t, _)| now - t <= WEEK_S);
         let missed = of.missed(now, period_s).map(|due| (due, [None; COUNT]));
         let looks = week.map(|(t, own)| (*t, values(own))).chain(missed).collect();
-        Some(Health { looks, days: of.days(day(now)) })
+        Some(Health { looks, days: of.days(day(now)), last: None })
+    }
+
+    /// The dead time that the latest Harris index of a loop which is for one was for (s): that outlives a start.
+    pub(super) fn dead_time(&self, id: &LoopId) -> Option<f64> {
+        let of = self.loops.get(id)?;
+        let known = |own: &Kept| Some(f64::from(own[DEAD])).filter(|x| x.is_finite());
+        let by_looks = of.looks.iter().rev().find_map(|(_, own)| known(own));
+        let by_part = || of.part.as_ref().and_then(|part| part.values[DEAD]);
+        let by_days = || of.days.values().rev().find_map(known);
+        by_looks.or_else(by_part).or_else(by_days)
     }
 }
 
@@ -214,6 +252,8 @@ impl OfLoop {
         let until = looks.last().map(|(t, _)| *t).or(before.map(|part| part.until))?;
         let mut all: Vec<Values> = before.map(looks_of).unwrap_or_default();
         all.extend(looks.iter().map(|(_, own)| values(own)));
+        // Each mean counts the looks that it is of.
+        keep_latest_index(&mut all);
         let count = |k: usize| all.iter().filter(|own| own[k].is_some()).count();
         let counts = from_fn(|k| u32::try_from(count(k)).unwrap_or(u32::MAX));
         Some(Part { until, values: over(all.iter()), counts })
@@ -234,6 +274,9 @@ fn looks_of(part: &Part) -> Vec<Values> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Where the Harris index stands.
+    const HARRIS: usize = 5;
 
     #[test]
     fn looks_of_a_week_and_means_of_days() {
@@ -285,6 +328,37 @@ mod tests {
         // Of the whole day: the mean of its hours.
         let means: Vec<f64> = found.days.iter().filter_map(|(_, own)| own[0]).collect();
         assert!(days.len() == 8 && means.iter().all(|mean| (mean - 12.0).abs() < 1.0), "{means:?}");
+    }
+
+    #[test]
+    fn a_day_has_the_index_of_its_latest_dead_time_and_a_start_goes_on_with_it() {
+        let (mut log, id) = (HealthLog::default(), LoopId::new("FIC1"));
+        assert_eq!(log.dead_time(&id), None);
+        // For one sample in six looks, then for a dead time that no binary number is.
+        let look = |hour: u32| {
+            let mut own = [None; COUNT];
+            own[HARRIS] = Some(if hour < 6 { 0.25 } else { 0.75 });
+            own[DEAD] = (hour >= 6).then_some(20.1);
+            own
+        };
+        let take = |log: &mut HealthLog, hours: std::ops::Range<u32>| {
+            let each = hours.map(|hour| log.take(&[(id.clone(), look(hour))], f64::from(hour) * 3600.0));
+            each.flat_map(|keep| keep.parts).last().expect("a day so far").1
+        };
+        let part = take(&mut log, 0..18);
+        let dead = Some(f64::from(20.1_f32));
+        assert_eq!((part.values[HARRIS], part.counts[HARRIS], part.values[DEAD]), (Some(0.75), 12, dead));
+        let mut after = HealthLog::default();
+        after.restore_part(&id, part);
+        assert_eq!(after.dead_time(&id), dead);
+        let part = take(&mut after, 18..24);
+        assert_eq!((part.values[HARRIS], part.counts[HARRIS]), (Some(0.75), 18));
+        take(&mut after, 24..25);
+        let days = after.of(&id, 90_000.0, 3600.0).expect("known").days;
+        assert_eq!((days.len(), days[0].1[HARRIS], days[0].1[DEAD]), (1, Some(0.75), dead));
+        let mut later = HealthLog::default();
+        later.restore(&id, &days);
+        assert_eq!(later.dead_time(&id), dead);
     }
 
     #[test]
@@ -389,5 +463,33 @@ mod tests {
         log.look(30..24 * 181, |hour| hour);
         let days = log.days(24.0 * 181.0);
         assert_eq!((days.len(), days[0].0, days[179].0), (DAYS, 1.0, 180.0));
+    }
+
+    #[test]
+    fn what_is_kept_again_is_of_the_loops_that_are_named() {
+        let (mut log, ids) = (HealthLog::default(), ["A", "B"].map(LoopId::new));
+        let found = ids.clone().map(|id| (id, [Some(1.0); COUNT]));
+        for day in [0.0, 1.0] {
+            log.take(&found, day * DAY_S);
+        }
+        assert_eq!(log.ids().into_iter().collect::<BTreeSet<LoopId>>(), BTreeSet::from(ids.clone()));
+        let keep = log.all(&ids[1..]);
+        let days: Vec<&LoopId> = keep.days.iter().map(|own| &own.0).collect();
+        let parts: Vec<&LoopId> = keep.parts.iter().map(|own| &own.0).collect();
+        assert_eq!((days, parts), (vec![&ids[1]], vec![&ids[1]]));
+    }
+
+    #[test]
+    fn looks_of_a_clock_that_was_behind_are_of_the_day_on_which_they_were_made() {
+        let (mut log, id) = (HealthLog::default(), LoopId::new("FIC1"));
+        let look = |log: &mut HealthLog, t: f64| log.take(&[(id.clone(), [Some(1.0); COUNT])], t).days;
+        let (today, by) = (1000.0 * DAY_S, 1000.0 * DAY_S);
+        log.restore(&id, &[(today, [Some(2.0); COUNT])]);
+        // It began in 1970, and was set right after two hours.
+        assert!((0..3).all(|hour| look(&mut log, f64::from(hour) * 3600.0).is_empty()));
+        log.clock_was_set([0.0, 7200.0], by);
+        assert!(look(&mut log, today + 10_800.0).is_empty(), "it is the same day");
+        let ended: Vec<f64> = look(&mut log, today + DAY_S).remove(0).1.iter().map(|own| own.0).collect();
+        assert_eq!(ended, [today, today + DAY_S]);
     }
 }

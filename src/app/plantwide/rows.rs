@@ -196,8 +196,9 @@ fn today_of(row: &AlarmRow) -> Option<Today> {
     let mut lines = row.trend.lines();
     let measure = read_measure(&mut lines.next()?.split('\t'));
     let mut part = Part { until: row.since?, values: [None; COUNT], counts: [0; COUNT] };
-    for (value, count) in part.values.iter_mut().zip(&mut part.counts) {
-        let (of, mean) = lines.next()?.split_once('\t')?;
+    // An earlier version had fewer of them: the others are not known.
+    for ((value, count), line) in part.values.iter_mut().zip(&mut part.counts).zip(lines) {
+        let (of, mean) = line.split_once('\t')?;
         (*value, *count) = (number(mean), of.parse::<u32>().ok()?);
     }
     Some(Today { id: LoopId::new(row.control_loop.as_str()), part, measure })
@@ -237,6 +238,7 @@ fn look(line: &str) -> Option<Look> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::indicators::series::NAMED;
     use crate::work::{Act, Config, Said, Seen, WorkList};
 
     #[test]
@@ -289,11 +291,43 @@ mod tests {
         let found = KeptPlant::of(std::slice::from_ref(&row));
         assert_eq!(found.todays, [Today { id, part, measure }]);
         assert_eq!((found.orders.len(), found.days.len()), (0, 0));
-        // With a line less it is of another version.
+        // With a line less it is of an earlier version, which did not have the last of them.
         let (less, _) = row.trend.trim_end().rsplit_once('\n').expect("lines");
-        for trend in [less, "", "x\ty\nz"] {
+        let found = today_of(&AlarmRow { trend: less.into(), ..row.clone() }).expect("a day so far").part;
+        assert_eq!((found.values[0], found.counts[0]), (Some(81.5), 18));
+        assert_eq!((found.values[COUNT - 1], found.counts[COUNT - 1]), (None, 0));
+        for trend in ["", "x\ty\nz"] {
             assert_eq!(today_of(&AlarmRow { trend: trend.into(), ..row.clone() }), None);
         }
+    }
+
+    #[test]
+    fn every_indicator_comes_back_under_its_own_name() {
+        let at = |name: &str| NAMED.iter().position(|own| own.0 == name).expect(name);
+        let values: Values = std::array::from_fn(|k| Some(k as f64 + 0.5));
+        let id = LoopId::new("FIC1");
+        let Row::Alarm(days) = health_row(&id, &[(86_400.0, values)]) else { panic!("a state") };
+        let part = Part { until: 64_800.0, values, counts: [7; COUNT] };
+        let Row::Alarm(today) = today_row(&id, &part, &Measure::default()) else { panic!("a state") };
+        let found = KeptPlant::of(&[days.clone(), today]);
+        let kept = [found.days[0].1[0].1, found.todays[0].part.values];
+        // Where they stand in what is kept, which is all that tells them apart.
+        for (name, place) in [
+            ("pv_mean", 14.5),
+            ("ise_per_s", 15.5),
+            ("settling_s", 16.5),
+            ("regularity", 17.5),
+            ("compression", 18.5),
+            ("harris_low", 19.5),
+            ("harris_high", 20.5),
+            ("harris_dead_time_s", 21.5),
+        ] {
+            assert_eq!(kept.map(|own| own[at(name)]), [Some(place); 2], "{name}");
+        }
+        // Of a day that an earlier version kept fifteen are known.
+        let trend = days.trend.split(' ').take(16).collect::<Vec<_>>().join(" ");
+        let (_, found) = health_of(&AlarmRow { trend, ..days }).expect("days");
+        assert_eq!((found[0].1[at("pv_mean")], found[0].1[at("ise_per_s")]), (Some(14.5), None));
     }
 
     #[test]

@@ -3,8 +3,9 @@
 use super::{Live, LiveLoop};
 use crate::indicators::series::Values;
 use crate::plantwide::cause::is_judged;
-use crate::plantwide::{self, Analysis, HOUR_S, Task, tasks};
+use crate::plantwide::{self, Analysis, HOUR_S, LoopFound, Task, tasks};
 use crate::results::Summary;
+use crate::serve::LoopLook;
 use crate::signal::LoopId;
 use crate::work::{CostConfig, Measure, Order, Said, Seen};
 use std::collections::HashMap;
@@ -18,6 +19,8 @@ pub(super) struct LookSaid {
     pub values: Vec<(LoopId, Values)>,
     /// How every loop was over all of its window, or over the latest part of one that does not tell.
     pub measures: Vec<(LoopId, Measure)>,
+    /// What else is found of every loop.
+    pub last: Vec<(LoopId, LoopLook)>,
 }
 
 /// What the look says of each loop.
@@ -36,6 +39,7 @@ pub(super) fn said(plant: &Live<'_>, found: &Analysis) -> LookSaid {
         let error_sd = told.error.map(|error| error.sd).filter(finite);
         let measure = Measure { error_sd, swing: told.swing.filter(finite), f };
         said.measures.push((id(at), measure));
+        said.last.push((id(at), last(&found.loops[at], plant.at.now)));
         let seen = by_loop.get(&at).map(|task| Seen {
             cause: task.cause,
             probability: task.probability,
@@ -53,6 +57,19 @@ pub(super) fn said(plant: &Live<'_>, found: &Analysis) -> LookSaid {
         }
     }
     said
+}
+
+/// What a look at `now` (s) finds of a loop beside its indicators.
+fn last(of: &LoopFound, now: f64) -> LoopLook {
+    let (told, recent) = (of.told(), of.recent.as_ref().unwrap_or(&of.indicators));
+    LoopLook {
+        at: now,
+        harris: recent.harris,
+        dead_time_s: recent.dead_time_s,
+        settling: told.settling,
+        oscillations: told.oscillations.clone(),
+        distribution: told.distribution,
+    }
 }
 
 /// Friction as a diagnosis tells it that was made since a time (s): of an earlier one it is that of before a repair, maybe.
@@ -77,8 +94,17 @@ pub(super) fn cost(
     costs: &HashMap<LoopId, CostConfig>,
     measures: &HashMap<LoopId, Measure>,
 ) -> Option<(f64, String)> {
+    cost_of(std::iter::once(&order.id).chain(&order.victims), costs, measures)
+}
+
+/// What some loops cost by their swing, as [`cost`]; `None` where none of them has a price and was looked at.
+pub(super) fn cost_of<'a>(
+    ids: impl Iterator<Item = &'a LoopId>,
+    costs: &HashMap<LoopId, CostConfig>,
+    measures: &HashMap<LoopId, Measure>,
+) -> Option<(f64, String)> {
     let mut sum: Option<(f64, String)> = None;
-    for id in std::iter::once(&order.id).chain(&order.victims) {
+    for id in ids {
         let (Some(price), Some(measure)) = (costs.get(id), measures.get(id)) else { continue };
         let (Some(sd), Some(swing)) = (measure.error_sd, measure.swing) else { continue };
         let cost = price.per_sd * sd * (1.0 - (1.0 - swing.clamp(0.0, 1.0)).sqrt());
@@ -90,13 +116,13 @@ pub(super) fn cost(
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Moment, WatchedLoop, window};
+    use super::super::{Moment, WatchedLoop, untold_of, window};
     use super::*;
     use crate::alarm;
     use crate::history::{self, History, LoopTags, TagKind, TagSpec};
     use crate::indicators::series::NAMED;
     use crate::plantwide::{Cause, analyse};
-    use crate::results::{Results, Trigger};
+    use crate::results::{Remembered, Restored, Results, Trigger};
     use crate::signal::{BadReason, Quality, Role, Sample, SpanSource};
     use crate::work::{Act, Config, State, WorkList};
     use rand::SeedableRng;
@@ -223,7 +249,8 @@ mod tests {
     #[test]
     fn without_a_mode_an_op_that_stands_still_is_all_that_tells_manual() {
         let of = WatchedLoop { id: LoopId::new(NAME), upstream: Vec::new() };
-        let live = |op_moves, pv_moves| LiveLoop { of: &of, from: 0.0, op_moves, pv_moves };
+        let live =
+            |op_moves, pv_moves| LiveLoop { of: &of, from: 0.0, op_moves, pv_moves, dead_time_s: None };
         let shows = |live: LiveLoop<'_>| [false, true].map(|seen| live.shows_something(seen));
         assert_eq!(shows(live(true, true)), [true, true]);
         assert_eq!(shows(live(true, false)), [true, true]);
@@ -345,6 +372,30 @@ mod tests {
     }
 
     #[test]
+    fn the_harris_index_of_a_look_is_for_the_dead_time_of_the_model() {
+        // Looked at sample by sample, and thinned with a latest part of its own.
+        for samples in [1440, 20_000] {
+            let all = at_rest(samples);
+            let history = rings_of(10.0, samples, |k| all[k as usize].clone());
+            let results = Results::new(&[LoopId::new(NAME)], 1, &alarm::Config::default());
+            let of = WatchedLoop { id: LoopId::new(NAME), upstream: Vec::new() };
+            let at = moment(10.0 * f64::from(samples - 1));
+            let whole = window(&history, &of.id, at).expect("rings").expect("samples");
+            for dead_time_s in [None, Some(30.0)] {
+                let live = LiveLoop { dead_time_s, ..LiveLoop::new(&of, &whole.window, 0.0) };
+                let plant = Live { history: &history, loops: vec![live], results: &results, at };
+                let found = said(&plant, &analyse(&plant));
+                let values = found.values[0].1;
+                let told = |name: &str| NAMED.iter().position(|own| own.0 == name).and_then(|at| values[at]);
+                let last = &found.last[0].1;
+                assert_eq!((told("harris_dead_time_s"), last.dead_time_s), (dead_time_s, dead_time_s));
+                let index = last.harris.map(|own| own.index);
+                assert!(index.is_some() && told("harris") == index, "{samples}: {index:?}");
+            }
+        }
+    }
+
+    #[test]
     fn a_loop_at_rest_is_mostly_noise_and_its_order_ends() {
         // Rows of seven samples have little of white noise.
         let (samples, last) = (at_rest(30_000), 299_990.0);
@@ -392,6 +443,55 @@ mod tests {
         };
         let since = |time| f_since(&of(time), 1000.0);
         assert_eq!((since(999.0), since(1000.0), since(2000.0)), (None, Some(2.0), Some(2.0)));
+    }
+
+    #[test]
+    fn what_a_diagnosis_lacked_is_told_with_its_code() {
+        let of = |outcome: &'static str, code: Option<&'static str>, reason: &str| Summary {
+            time: 0.0,
+            took_s: 0.1,
+            trigger: Trigger::Periodic,
+            outcome: outcome.into(),
+            reason_code: code.map(Into::into),
+            reason: reason.into(),
+            f: None,
+            f_ci95: None,
+            f_in_percent: true,
+            delta_aic: None,
+            compensated: None,
+        };
+        let told = |summary: &Summary| untold_of(summary).map(|own| (own.code, own.says));
+        let said = |code: &str, says: &str| Some((code.to_string(), says.to_string()));
+        let slow = of("not_identifiable", Some("undersampled"), "undersampled: 2.2 samples per period");
+        assert_eq!(told(&slow), said("undersampled", "sampled too slowly: 2.2 samples per period"));
+        let flat = of("not_identifiable", Some("flat_op"), "flat OP: it does not move");
+        assert_eq!(told(&flat), said("flat_op", "flat OP: it does not move"));
+        let late = of("deadline_exceeded", None, "the run was not done before its deadline");
+        assert_eq!(told(&late), said("deadline_exceeded", "the run was not done before its deadline"));
+        for outcome in ["stiction", "no_stiction"] {
+            assert_eq!(told(&of(outcome, None, "")), None);
+        }
+
+        // A look takes it of the latest diagnosis, also of one of before the start.
+        let (id, history) = (LoopId::new(NAME), rings(1440, |k| vec![swing(k, 0.0), swing(k, 0.0)]));
+        let results = Results::new(std::slice::from_ref(&id), 1, &alarm::Config::default());
+        let restored = Restored {
+            finished: 0.0,
+            took_s: 0.1,
+            quality: "good".into(),
+            doubtful: false,
+            structure: None,
+            source: None,
+            report: "{}".into(),
+        };
+        let kept = Remembered { diagnosed: Some((restored, slow.clone())), ..Remembered::default() };
+        results.restore(&id, kept);
+        let watched = WatchedLoop { id: id.clone(), upstream: Vec::new() };
+        let at = moment(STEP_S * 1439.0);
+        let whole = window(&history, &id, at).expect("rings").expect("samples");
+        let loops = vec![LiveLoop::new(&watched, &whole.window, 0.0)];
+        let found = analyse(&Live { history: &history, loops, results: &results, at });
+        assert_eq!(found.loops[0].untold, untold_of(&slow));
     }
 
     #[test]

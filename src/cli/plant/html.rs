@@ -1,6 +1,6 @@
 //! What `stictiond plant` found, as one page that stands alone: light and dark, wide and narrow.
 
-use super::sure;
+use super::{counted, sure};
 use std::fmt::Write;
 use stictiond::plantwide::cause::period;
 use stictiond::plantwide::{Analysis, Group, Plant, Task};
@@ -25,13 +25,7 @@ svg .mark { stroke: var(--look); stroke-dasharray: 2 3; } svg .cell { fill: var(
 /// The page.
 pub fn page(title: &str, plant: &dyn Plant, found: &Analysis, work: &[Task], skipped: &[String]) -> String {
     let mut body = format!("<h1>{}</h1>", escape(title));
-    let swinging = found.loops.iter().filter(|of| !of.oscillations.is_empty()).count();
-    let _ = write!(
-        body,
-        "<p>{} loops, {swinging} of them oscillate, {} groups swing together.</p>",
-        found.loops.len(),
-        found.groups.len()
-    );
+    let _ = write!(body, "<p>{}.</p>", counted(found));
     list(&mut body, found, work);
     for (k, group) in found.groups.iter().enumerate() {
         of_group(&mut body, k, group, plant, found);

@@ -1,5 +1,6 @@
 //! What `stictiond plant` found, as JSON.
 
+use super::skipped::Skipped;
 use crate::cli::Failure;
 use serde::Serialize;
 use stictiond::indicators::distribution::BINS;
@@ -10,7 +11,7 @@ struct Found<'a> {
     loops: Vec<Loop<'a>>,
     groups: Vec<Group<'a>>,
     work: Vec<Line<'a>>,
-    skipped: &'a [String],
+    skipped: Vec<String>,
 }
 
 #[derive(Serialize)]
@@ -28,6 +29,8 @@ struct Loop<'a> {
     pv_mean: Option<f64>,
     harris: Option<f64>,
     harris_ci95: Option<[f64; 2]>,
+    harris_dead_time_s: Option<f64>,
+    harris_dead_time_from: Option<&'static str>,
     swing: Option<f64>,
     settling: Option<Settling>,
     travel_a_day: Option<f64>,
@@ -42,8 +45,18 @@ struct Loop<'a> {
     group: Option<usize>,
     cause: Option<&'static str>,
     cause_probability: Option<f64>,
+    causes: Vec<Likely>,
     why: Option<&'a str>,
+    /// Why a diagnosis of its valve had no result.
+    reason_code: Option<&'a str>,
     neighbour: Option<&'a str>,
+}
+
+/// A cause with its probability.
+#[derive(Serialize)]
+struct Likely {
+    name: &'static str,
+    probability: f64,
 }
 
 /// How steps of the set point were followed.
@@ -100,7 +113,7 @@ struct Line<'a> {
 }
 
 /// The whole, with a line end.
-pub fn text(found: &Analysis, work: &[Task], skipped: &[String]) -> Result<String, Failure> {
+pub fn text(found: &Analysis, work: &[Task], skipped: &[Skipped]) -> Result<String, Failure> {
     let name = |i: usize| found.loops[i].name.as_str();
     let groups = found.groups.iter().map(|group| Group {
         period_s: group.period_s,
@@ -119,6 +132,7 @@ pub fn text(found: &Analysis, work: &[Task], skipped: &[String]) -> Result<Strin
         expected_to_calm_down: line.victims.iter().map(|i| name(*i)).collect(),
     });
     let loops = found.loops.iter().map(|of| one(of, found));
+    let skipped = skipped.iter().map(Skipped::to_string).collect();
     let all = Found { loops: loops.collect(), groups: groups.collect(), work: lines.collect(), skipped };
     let mut json = serde_json::to_string_pretty(&all)
         .map_err(|error| Failure::Failed(format!("cannot write what was found: {error}")))?;
@@ -143,6 +157,8 @@ fn one<'a>(of: &'a LoopFound, found: &'a Analysis) -> Loop<'a> {
         pv_mean: i.pv_mean,
         harris: i.harris.map(|h| h.index),
         harris_ci95: i.harris.and_then(|h| h.interval).map(|(low, high)| [low, high]),
+        harris_dead_time_s: i.dead_time_s,
+        harris_dead_time_from: i.harris.map(|_| if i.dead_time_s.is_some() { "model" } else { "one_sample" }),
         swing: i.swing,
         settling: i.settling.map(|own| Settling {
             steps: own.steps,
@@ -176,7 +192,13 @@ fn one<'a>(of: &'a LoopFound, found: &'a Analysis) -> Loop<'a> {
         group: of.group,
         cause: reason.map(|r| r.cause.as_str()),
         cause_probability: reason.and_then(|r| r.probability),
+        causes: of
+            .causes
+            .iter()
+            .map(|own| Likely { name: own.as_str(), probability: own.probability })
+            .collect(),
         why: reason.map(|r| r.why.as_str()),
+        reason_code: of.untold.as_ref().map(|own| own.code.as_str()),
         neighbour: reason.and_then(|r| r.neighbour).map(name),
     }
 }

@@ -1,32 +1,58 @@
-//! `stictiond plant DIR`: which loops of a folder of records swing together, who started it, and what to repair first.
+//! `stictiond plant SOURCE`: which loops of a plant swing together, who started it, and what to repair first.
 
+mod files;
 mod html;
 mod json;
+mod skipped;
+mod source;
+mod stored;
 
 use super::format::Format;
-use super::{Failure, print, table};
+use super::{Failure, output, print, table};
+use skipped::Skipped;
+use source::{OneLoop, Source};
+use std::borrow::Cow;
+use std::collections::HashMap;
 use std::fmt::Write as _;
-use std::fs;
-use std::path::{Path, PathBuf};
-use stictiond::app::{App, friction_of};
-use stictiond::diagnosis::Settings;
+use std::path::PathBuf;
+use stictiond::app::{App, DeadTime, friction_of, untold_of};
 use stictiond::plantwide::cause::period;
-use stictiond::plantwide::window::of_record;
-use stictiond::plantwide::{Analysis, Friction, PlantLoop, Task, analyse, tasks};
+use stictiond::plantwide::window::{of_record, recent};
+use stictiond::plantwide::{Analysis, HOUR_S, Plant, PlantLoop, Task, analyse, tasks};
 use stictiond::results::words::percent;
-use stictiond::results::{Outcome, Run, Trigger};
+use stictiond::results::{Outcome, Run, Summary, Trigger};
 use stictiond::signal::{LoopId, Record};
-use stictiond::table::Table;
 
-/// Most records of a folder.
-const MOST: usize = 20_000;
-/// Most samples of a record; a longer one is thinned.
-const MOST_SAMPLES: usize = 200_000;
+/// Most rows of a loop's window; a longer record is thinned.
+const MOST_ROWS: usize = 200_000;
+/// Rows of all windows together, as long as each has [`LEAST_ROWS`]: 200 MB with OP, PV and a set point.
+const ALL_ROWS: usize = 1 << 23;
+/// Rows that a window of a longer record has at least: as many as in the daemon.
+const LEAST_ROWS: usize = 4096;
+/// Samples of the latest part of a record that is thinned, as in the daemon.
+const RECENT_SAMPLES: usize = 3600;
+/// Reasons why something was skipped that are printed in full.
+const FIRST: usize = 20;
+/// The same where they are one line.
+const FIRST_OF_LINE: usize = 3;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// Folder of records, one loop each: CSV of any dialect, Excel or ODS workbooks, Parquet
-    folder: PathBuf,
+    /// A folder of records, one loop each (CSV of any dialect, Excel or ODS workbooks, Parquet); a table with columns of several
+    /// loops; the folder of a store; a configuration (.toml) with `[store]`; or the address of a store in PostgreSQL,
+    /// postgres://user@host/database, whose password is in `PGPASSWORD`
+    #[arg(value_name = "DIR|STORE|FILE")]
+    source: PathBuf,
+    /// Which columns of a table are which loop's: a list with the columns loop, op, pv and, as far as there are, sp, mode, mv, or with
+    /// loop, role and tag [default: as the columns are called, FIC101.OP, FIC101.PV]
+    #[arg(long, value_name = "LIST")]
+    loops: Option<PathBuf>,
+    /// From this time on: RFC 3339, or seconds on the record's clock [default: all of a file; the latest week of a store]
+    #[arg(long, value_parser = super::store::time)]
+    from: Option<f64>,
+    /// Up to this time
+    #[arg(long, value_parser = super::store::time)]
+    to_time: Option<f64>,
     /// How to print what was found [default: text on a terminal, else json]
     #[arg(long, value_enum)]
     format: Option<Format>,
@@ -36,7 +62,7 @@ pub struct Args {
     /// The controllers' output limits (OP unit): saturation is judged against them
     #[arg(long, value_name = "LOW,HIGH", value_parser = super::diagnose::limits, allow_hyphen_values = true)]
     op_limits: Option<(f64, f64)>,
-    /// Diagnose the valves of at most so many loops that swing; 0 for none
+    /// Diagnose the valves of at most so many loops that are not at rest, those that swing most first; 0 for none
     #[arg(long, value_name = "N", default_value_t = 200)]
     diagnose: usize,
     /// Loops whose stream enters another: `TIC3=FIC101,FIC102`, once for each that is entered
@@ -51,34 +77,55 @@ fn upstream(text: &str) -> Result<(String, Vec<String>), String> {
     Ok((into.trim().to_string(), from.split(',').map(|one| one.trim().to_string()).collect()))
 }
 
+/// The windows of the loops, which fit into memory together.
+#[derive(Default)]
+struct Windows {
+    loops: Vec<PlantLoop>,
+    /// The latest part of each loop whose window is thinned.
+    recent: Vec<Option<PlantLoop>>,
+}
+
+impl Plant for Windows {
+    fn count(&self) -> usize {
+        self.loops.len()
+    }
+
+    fn get(&self, at: usize) -> Cow<'_, PlantLoop> {
+        Cow::Borrowed(&self.loops[at])
+    }
+
+    fn recent(&self, at: usize, _hour_s: f64) -> Option<PlantLoop> {
+        self.recent.get(at)?.clone()
+    }
+}
+
 /// Reads, analyses, prints.
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let (mut plant, files, skipped) = read(args)?;
-    if plant.is_empty() {
-        return Err(Failure::in_file(
-            &args.folder,
-            format!("no record could be used, {} skipped", skipped.len()),
-        ));
+    output::may_be_made(args.html.as_deref(), output::PAGE)?;
+    if args.from.zip(args.to_time).is_some_and(|(from, to)| from > to) {
+        return Err(Failure::BadInput("--from is later than --to-time".to_string()));
     }
-    let known = |id: &String| {
-        let of_skipped = format!("{id}: ");
-        plant.iter().any(|of| of.name == *id) || skipped.iter().any(|why| why.starts_with(&of_skipped))
-    };
+    let mut source = Source::open(args)?;
+    let (mut plant, skipped) = read(args, &mut source)?;
+    if plant.loops.is_empty() {
+        return Err(Failure::in_file(&args.source, none(&source, &skipped)));
+    }
+    let known =
+        |id: &String| plant.loops.iter().any(|of| of.name == *id) || skipped.iter().any(|of| of.name == *id);
     let mut named = args.upstream.iter().flat_map(|(into, from)| std::iter::once(into).chain(from));
     if let Some(strange) = named.find(|id| !known(id)) {
-        return Err(Failure::in_file(&args.folder, format!("--upstream: no record is called {strange:?}")));
+        return Err(Failure::in_file(&args.source, format!("--upstream: no record is called {strange:?}")));
     }
-    for of in &mut plant {
+    for of in &mut plant.loops {
         of.op_limits = args.op_limits.or(of.op_limits);
+        of.upstream = source.configured(&of.name).map(|own| own.upstream.clone()).unwrap_or_default();
         let from = args.upstream.iter().filter(|(into, _)| *into == of.name);
-        of.upstream = from.flat_map(|(_, from)| from.clone()).collect();
+        of.upstream.extend(from.flat_map(|(_, from)| from.clone()));
     }
     let mut found = analyse(&plant);
     let swinging = swinging(&found, args.diagnose);
-    for at in &swinging {
-        plant[*at].friction = friction(args, &files[*at], &plant[*at].name);
-    }
     if !swinging.is_empty() {
+        diagnose(args, &mut source, &swinging, &mut plant)?;
         found = analyse(&plant);
     }
     let work = tasks(&found);
@@ -88,85 +135,99 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     if let Some(to) = &args.html {
         let title = args
-            .folder
+            .source
             .file_name()
             .map_or_else(|| "plant".into(), |name| name.to_string_lossy().into_owned());
-        fs::write(to, html::page(&title, &plant, &found, &work, &skipped))
-            .map_err(|error| Failure::Failed(format!("{}: {error}", to.display())))?;
+        output::write(to, &html::page(&title, &plant, &found, &work, &skipped::lines(&skipped, FIRST)))?;
     }
     Ok(())
 }
 
-/// Loops that swing in a group or by themselves, those that swing most first.
+/// Why there is nothing to analyse.
+fn none(source: &Source, skipped: &[Skipped]) -> String {
+    if skipped.is_empty() {
+        return source.no_loop().into();
+    }
+    let reasons = skipped::lines(skipped, FIRST_OF_LINE).into_iter().chain(source.span());
+    let reasons = reasons.collect::<Vec<String>>().join("; ");
+    format!("no record could be used, {} skipped: {reasons}", skipped.len())
+}
+
+/// The loops, and what could not be used.
+fn read(args: &Args, source: &mut Source) -> Result<(Windows, Vec<Skipped>), Failure> {
+    let (mut plant, mut skipped) = (Windows::default(), Vec::new());
+    let mut take = |OneLoop { name, of, record }: OneLoop| {
+        let rows = (ALL_ROWS / of.max(1)).clamp(LEAST_ROWS, MOST_ROWS);
+        let window = |record: Record| -> Result<(PlantLoop, Option<PlantLoop>), String> {
+            let window = of_record(&name, &record, rows)?;
+            let latest = window.raw.and_then(|_| recent(&name, &record, HOUR_S, RECENT_SAMPLES).ok());
+            Ok((window, latest))
+        };
+        match record.and_then(window) {
+            Ok((window, latest)) => {
+                plant.loops.push(window);
+                plant.recent.push(latest);
+                true
+            }
+            Err(why) => {
+                skipped.push(Skipped { name, why });
+                false
+            }
+        }
+    };
+    source.each(args, false, &|_| true, &mut take)?;
+    skipped.extend(source.remark().map(|why| Skipped { name: "store".into(), why }));
+    Ok((plant, skipped))
+}
+
+/// Loops that swing in a group or by themselves, or that have a cause why they are not at rest; those that swing most first.
 fn swinging(found: &Analysis, most: usize) -> Vec<usize> {
     let share = |at: usize| found.loops[at].oscillations.first().map_or(0.0, |own| own.share);
+    // What is sampled too slowly does not show its swing, and a diagnosis says so.
+    let is_restless = |at: usize| found.loops[at].group.is_some() || found.loops[at].reason.is_some();
     let mut all: Vec<usize> =
-        (0..found.loops.len()).filter(|at| found.loops[*at].group.is_some() || share(*at) > 0.0).collect();
+        (0..found.loops.len()).filter(|at| is_restless(*at) || share(*at) > 0.0).collect();
     all.sort_by(|a, b| share(*b).total_cmp(&share(*a)));
     all.truncate(most);
     all
 }
 
-/// What a diagnosis says of a loop's valve. The record is read again: all of them at once would not fit.
-fn friction(args: &Args, file: &Path, name: &str) -> Option<Friction> {
-    // It could be read before, and its OP contradicts nothing.
-    let record = scaled(args, file).ok()?;
-    let judged = App::diagnosis()(&record, &Settings::default(), None);
-    let run = Run {
-        id: LoopId::new(name),
-        started: 0.0,
-        finished: 0.0,
-        took_s: 0.0,
-        trigger: Trigger::OnDemand,
-        op_span: record.op_span,
-        basis: None,
-        outcome: Outcome::Diagnosed(Box::new(judged)),
-    };
-    friction_of(&run.summary())
-}
-
-/// The record of a file, and the span of its OP.
-fn scaled(args: &Args, file: &Path) -> Result<Record, Failure> {
-    let Table { mut record, found } = table::read(file, &args.table.options(None))?;
-    record.op_limits = args.op_limits.or(record.op_limits);
-    table::scale_one_of_many(file, &mut record, found.op_unit.as_deref())?;
-    Ok(record)
-}
-
-/// The loops of the folder and their files, and what could not be read.
-type Folder = (Vec<PlantLoop>, Vec<PathBuf>, Vec<String>);
-
-fn read(args: &Args) -> Result<Folder, Failure> {
-    let entries = fs::read_dir(&args.folder).map_err(|error| Failure::in_file(&args.folder, &error))?;
-    let is_table = |path: &Path| {
-        let known = ["csv", "txt", "tsv", "xlsx", "xls", "xlsb", "ods", "parquet"];
-        let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
-        let index = path.file_stem().is_some_and(|name| name == "index");
-        extension.is_some_and(|e| known.contains(&e.as_str())) && !index
-    };
-    let mut files: Vec<PathBuf> =
-        entries.flatten().map(|e| e.path()).filter(|p| p.is_file() && is_table(p)).collect();
-    files.sort();
-    if files.len() > MOST {
-        return Err(Failure::in_file(&args.folder, format!("{} records, {MOST} are the most", files.len())));
-    }
-    let (mut plant, mut used, mut skipped) = (Vec::new(), Vec::new(), Vec::new());
-    for file in files {
-        let name = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let of = match scaled(args, &file) {
-            Ok(record) => of_record(&name, &record, MOST_SAMPLES),
-            Err(Failure::BadInput(why) | Failure::Failed(why)) => Err(why),
-            Err(Failure::BadConfig(_)) => Err("the options contradict each other".into()),
+/// Diagnoses the valves of some loops. Their records are read again: all of them at once would not fit.
+fn diagnose(
+    args: &Args,
+    source: &mut Source,
+    swinging: &[usize],
+    plant: &mut Windows,
+) -> Result<(), Failure> {
+    let places: HashMap<String, usize> =
+        swinging.iter().filter_map(|at| Some((plant.loops.as_slice().get(*at)?.name.clone(), *at))).collect();
+    let (judge, settings) = (App::diagnosis(), source.settings());
+    let mut take = |OneLoop { name, record, .. }: OneLoop| {
+        let own = places.get(&name).and_then(|at| plant.loops.get_mut(*at));
+        let (Some(own), Ok(record)) = (own, record) else { return false };
+        let judged = judge(&record, &settings, None);
+        let dead_time_s = DeadTime::of_judged(&judged).map(|found| found.own_s);
+        let run = Run {
+            id: LoopId::new(name),
+            started: 0.0,
+            finished: 0.0,
+            took_s: 0.0,
+            trigger: Trigger::OnDemand,
+            op_span: record.op_span,
+            basis: None,
+            outcome: Outcome::Diagnosed(Box::new(judged)),
         };
-        match of {
-            Ok(of) => {
-                plant.push(of);
-                used.push(file);
-            }
-            Err(why) => skipped.push(format!("{name}: {why}")),
+        let summary: Summary = run.summary();
+        own.friction = friction_of(&summary);
+        own.untold = untold_of(&summary);
+        own.dead_time_s = dead_time_s;
+        let latest = places.get(run.id.as_str()).and_then(|at| plant.recent.get_mut(*at));
+        if let Some(Some(latest)) = latest {
+            latest.dead_time_s = dead_time_s;
         }
-    }
-    Ok((plant, used, skipped))
+        true
+    };
+    source.each(args, true, &|name| places.contains_key(name), &mut take)
 }
 
 /// How sure a cause is; of none there is nothing to be sure of.
@@ -174,16 +235,18 @@ fn sure(task: &Task) -> String {
     task.probability.map_or_else(|| "–".into(), percent)
 }
 
-fn text(found: &Analysis, work: &[Task], skipped: &[String]) -> String {
-    let name = |i: usize| found.loops[i].name.as_str();
-    let mut out = String::new();
+/// How many loops there are, how many oscillate, and in how many groups.
+fn counted(found: &Analysis) -> String {
+    let many = |count: usize, of: &str| format!("{count} {of}{}", if count == 1 { "" } else { "s" });
     let swinging = found.loops.iter().filter(|of| !of.oscillations.is_empty()).count();
-    let _ = writeln!(
-        out,
-        "{} loops, {swinging} of them oscillate, {} groups",
-        found.loops.len(),
-        found.groups.len()
-    );
+    let oscillate = if swinging == 1 { "oscillates" } else { "oscillate" };
+    let (loops, groups) = (many(found.loops.len(), "loop"), many(found.groups.len(), "group"));
+    format!("{loops}, {swinging} of them {oscillate}, {groups}")
+}
+
+fn text(found: &Analysis, work: &[Task], skipped: &[Skipped]) -> String {
+    let name = |i: usize| found.loops[i].name.as_str();
+    let mut out = counted(found) + "\n";
     for (k, group) in found.groups.iter().enumerate() {
         let _ =
             writeln!(out, "\nGroup {}: {} loops at {}", k + 1, group.members.len(), period(group.period_s));
@@ -214,8 +277,26 @@ fn text(found: &Analysis, work: &[Task], skipped: &[String]) -> String {
         let _ =
             writeln!(out, "  {} {} ({}): {}{calm}", name(line.at), line.cause.as_str(), sure(line), line.why);
     }
-    for why in skipped {
+    for why in skipped::lines(skipped, FIRST) {
         let _ = writeln!(out, "skipped {why}");
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use stictiond::plantwide::{Group, LoopFound};
+
+    #[test]
+    fn one_is_not_told_as_many() {
+        let of = |loops: usize, groups: usize| {
+            counted(&Analysis {
+                loops: vec![LoopFound::default(); loops],
+                groups: vec![Group::default(); groups],
+            })
+        };
+        assert_eq!(of(1, 0), "1 loop, 0 of them oscillate, 0 groups");
+        assert_eq!(of(2, 1), "2 loops, 0 of them oscillate, 1 group");
+    }
 }

@@ -1,44 +1,45 @@
-//! Times and values of a tag: between them, held, and without what is too fast for a grid.
+//! The points (times and values) of a tag, brought to an equal grid: interpolated, held, or low-passed.
 
 use crate::sysid::least_squares::{dot, total};
 use crate::sysid::stats::{median, range};
 use std::f64::consts::PI;
 use std::ops::Range;
 
-/// Samples a row from which on a row is filtered: fewer are drawn through.
+/// Samples in a row from which a record is low-passed; with fewer it is interpolated.
 pub const THINNED: f64 = 1.2;
-/// Median intervals between changes after which a change is late, and OP stood still before it: jitter of a poll is less than
-/// half of one, a scan at which OP did not change is a whole one.
+/// Median intervals after which a change is late, so that OP stood still before it. The jitter of a poll is less than half an interval; a
+/// scan at which OP did not change is a whole one.
 const LATE: f64 = 1.5;
-/// Rows to either side that the filter takes in: with fewer it would let pass what folds, or blunt a cycle of five rows.
+/// Half the length of the filter (rows): a shorter one would let aliases pass, or attenuate a cycle of five rows.
 const REACH: usize = 4;
-/// Cycles a row of which the filter keeps half: as far below 0.6, which folds to the shortest period that is looked for (2.5 rows),
-/// as the filter takes to fall.
+/// Frequency at which the filter keeps half of the amplitude (cycles/row). It is below 0.6, which is aliased to the shortest period
+/// that is searched for (2.5 rows), by the width of the filter's transition.
 const HALF: f64 = 0.35;
-/// Most parts of a row. A cycle about as long as the shortest part would fold, too: a hundredth of it is left.
+/// Most parts of a row over which means are taken before the filter. A cycle about as long as a part is aliased, too: the means leave a
+/// hundredth of it.
 const PARTS: f64 = 64.0;
 
 /// Times (s) and values, in order.
 pub type Points = [(f64, f64)];
 
-/// Rows of an equal grid.
+/// An equal grid, and the rows of it that are wanted.
 pub struct Grid {
-    /// Where row 0 is (s).
+    /// Time of row 0 (s).
     pub from: f64,
-    /// Time between two rows (s).
+    /// Period of the rows (s).
     pub ts: f64,
-    /// Which of them are wanted.
+    /// The wanted rows.
     pub rows: Range<usize>,
 }
 
 impl Grid {
-    /// When the wanted rows are (s).
+    /// Times of the wanted rows (s).
     pub fn times(&self) -> impl Iterator<Item = f64> + Clone {
         let (from, ts) = (self.from, self.ts);
         self.rows.clone().map(move |k| from + k as f64 * ts)
     }
 
-    /// Where each of them begins, and where the last ends (s).
+    /// The beginning of each wanted row, and the end of the last (s).
     pub fn edges(&self) -> impl Iterator<Item = f64> + Clone {
         let (from, ts) = (self.from, self.ts);
         (self.rows.start..=self.rows.end).map(move |k| from + (k as f64 - 0.5) * ts)
@@ -50,18 +51,18 @@ pub fn values(points: &Points) -> Vec<f64> {
     points.iter().map(|point| point.1).collect()
 }
 
-/// Median time between two; 0 of fewer.
+/// Median time between two points (s); 0 for fewer than two.
 pub fn interval(points: &Points) -> f64 {
     median(&points.windows(2).map(|w| w[1].0 - w[0].0).collect::<Vec<f64>>())
 }
 
-/// Mean time between two; 0 of fewer.
+/// Mean time between two points (s); 0 for fewer than two.
 pub fn mean_interval(points: &Points) -> f64 {
     let length = points.first().zip(points.last()).map_or(0.0, |(first, last)| last.0 - first.0);
     length / points.len().saturating_sub(1).max(1) as f64
 }
 
-/// The points with a corner before each late change, up to which the value before it stood.
+/// The points with a corner at each late change: the value before it holds until then.
 pub fn stepped(points: &Points) -> Vec<(f64, f64)> {
     let late = LATE * interval(points);
     let mut out = Vec::with_capacity(2 * points.len());
@@ -74,14 +75,14 @@ pub fn stepped(points: &Points) -> Vec<(f64, f64)> {
     out
 }
 
-/// The value of the line from the point at `at` to the next, at a time between them; before and after all of them it is level.
+/// The value at time `t` of the line from point `at` to the next one; constant before and after all points, and where it `is_held`.
 fn on_line(points: &Points, at: usize, t: f64, is_held: bool) -> f64 {
     let (a, b) = (points[at], points[(at + 1).min(points.len() - 1)]);
     let part = if is_held || b.0 <= a.0 { 0.0 } else { ((t - a.0) / (b.0 - a.0)).clamp(0.0, 1.0) };
     a.1 + part * (b.1 - a.1)
 }
 
-/// The values at the times, between the points or those before.
+/// The values at some times: interpolated, or where `is_held` those of the points before.
 pub fn picked(points: &Points, times: impl Iterator<Item = f64>, is_held: bool) -> Vec<f64> {
     let mut at = 0;
     times
@@ -94,26 +95,27 @@ pub fn picked(points: &Points, times: impl Iterator<Item = f64>, is_held: bool) 
         .collect()
 }
 
-/// The line through the points at the rows of a grid, without what is too fast for them; `interval`: the median time between two
-/// samples (s).
+/// The line through the points at the rows of a grid, low-passed by a windowed sinc filter.
 ///
 /// ```text
 /// x[k] = sum of w(j/m) c[m k + j] over |j| <= 4 m / sum of w      w(τ) = sinc(0.7 τ) (0.42 + 0.5 cos(π τ/4) + 0.08 cos(π τ/2))
 /// ```
 ///
-/// c are means of the line over parts of a row, m of them to a row and as short as the samples are apart; sinc(x) = sin(πx)/(πx).
-/// At its ends it is the mean of what there is. Beside a jump such a filter swings by some per cent, and would go beyond a limit at
-/// which the signal stays: no value is beyond those of the samples.
+/// c: means of the line over the parts of a row; m: parts in a row, each about as long as the interval of the samples; τ: rows;
+/// `sinc(x) = sin(πx)/(πx)`. At the ends of the record the sums are over the parts that there are. Beside a jump the filter overshoots by
+/// some per cent; its values are clamped to the range of the samples, because a signal may stay at a limit.
+///
+/// * `interval`: median interval of the samples (s).
 ///
 /// Source: Oppenheim & Schafer, Discrete-Time Signal Processing, 2010, section 7.5 (windowed sinc, Blackman's window).
 pub fn low_passed(points: &Points, grid: &Grid, interval: f64) -> Vec<f64> {
     let (n, level) = (grid.rows.len(), points[0].1);
-    // Without an interval, as of one sample, as many as may be.
+    // A single sample has no interval: the number of parts is then the largest.
     let m = (grid.ts / interval).ceil().clamp(1.0, PARTS) as usize;
     let first = grid.from + grid.rows.start as f64 * grid.ts;
     let part = grid.ts / m as f64;
     let times = (0..=n.saturating_sub(1) * m).map(|j| first + j as f64 * part);
-    // About the first value, so that a signal that does not move stays so to the last digit.
+    // As deviations from the first value, so that a constant signal stays constant to the last digit.
     let parts: Vec<f64> = averaged(points, times, part).into_iter().map(|x| x - level).collect();
     let reach = REACH * m;
     let weights: Vec<f64> = (0..=2 * reach).map(|j| weight((j as f64 - reach as f64) / m as f64)).collect();
@@ -128,14 +130,14 @@ pub fn low_passed(points: &Points, grid: &Grid, interval: f64) -> Vec<f64> {
         .collect()
 }
 
-/// That of the filter so many rows away.
+/// The weight w of the filter at a distance of some rows.
 fn weight(rows: f64) -> f64 {
     let (x, turn) = (2.0 * PI * HALF * rows, PI * rows / REACH as f64);
     let sinc = if x == 0.0 { 1.0 } else { x.sin() / x };
     sinc * (0.42 + 0.5 * turn.cos() + 0.08 * (2.0 * turn).cos())
 }
 
-/// The means of the line through the points over `ts` around each time, of the part that the points cover.
+/// The means of the line through the points over `ts` (s) around each time, as far as the points cover it.
 fn averaged(points: &Points, times: impl Iterator<Item = f64>, ts: f64) -> Vec<f64> {
     let (first, last) = (points[0].0, points[points.len() - 1].0);
     let mut at = 0;

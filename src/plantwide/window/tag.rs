@@ -1,30 +1,31 @@
-//! The good samples of one tag of a record, and for how long each of them stands.
+//! The good samples of one tag of a record, and how long each of them is valid.
 
 use super::points::{Points, mean_interval, stepped};
 use crate::signal::{LARGEST_VALUE, Limits, Sample, are_measured, outages};
 use std::borrow::Cow;
 
-/// Sampling intervals without a good sample from which on a tag is silent.
+/// Sampling intervals without a good sample after which a tag is silent.
 const SILENT: f64 = 10.0;
 
-/// What a zero far from a tag's other values is.
+/// The meaning of a zero that is far from the other values of a tag.
 #[derive(Clone, Copy, PartialEq)]
 pub enum Zero {
-    /// No measurement: that of a signal which was lost, as OP, PV and the stem are.
+    /// A lost signal, and no measurement: so for OP, PV and the stem.
     DropOut,
-    /// A value like any other, as those of set point and mode are.
+    /// A value like any other: so for set point and mode.
     Value,
 }
 
-/// The good samples of a tag, and what tells for how long each of them stands.
+/// The good samples of a tag, with what decides how long each of them is valid.
 pub struct Tag {
+    /// Times (s) and values of the good samples, in order.
     pub points: Vec<(f64, f64)>,
     /// Times of the samples that are not good, in order (s).
     marks: Vec<f64>,
     /// Whether its source sends changes only.
     pub by_changes: bool,
-    /// The longest time between two good samples that is no silence (s). By the mean interval: of an archive, which leaves out
-    /// what is on a line, the median is far shorter than most of the time.
+    /// The longest time between two good samples that is no silence (s). It follows from the mean interval: an archive leaves out samples
+    /// on a straight line, so that its median interval is much shorter.
     pub longest: f64,
 }
 
@@ -36,13 +37,13 @@ fn times<'a>(samples: impl Iterator<Item = &'a Sample>) -> Vec<f64> {
 }
 
 impl Tag {
-    /// Of a series; `limits`: those of OP, for a tag that has them.
+    /// The tag of a series. `limits`: the limits of OP, where the tag is OP or the stem.
     pub fn of(series: &[Sample], zero: Zero, limits: Option<Limits>) -> Self {
         let is_number = |s: &Sample| {
             s.quality.is_good() && s.t.is_finite() && s.value.is_finite() && s.value.abs() < LARGEST_VALUE
         };
         let numbers: Vec<Sample> = series.iter().filter(|s| is_number(s)).copied().collect();
-        // What is written where nothing was measured, as the gate of the diagnosis drops it.
+        // Outage values are dropped, as by the gate of the diagnosis.
         let mut none = outages(&numbers);
         none.retain(|value| zero == Zero::DropOut || *value != 0.0);
         let lost = times(series.iter().filter(|s| !is_number(s)));
@@ -56,7 +57,7 @@ impl Tag {
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
         points.dedup_by(|a, b| a.0 == b.0);
         let marks = times(of(false));
-        // After a mark the same value counts again, also where changes only are sent.
+        // A source that sends changes only may repeat a value after a bad sample.
         let repeats = |w: &[Sample]| w[0].value == w[1].value && w[0].t < w[1].t;
         let by_changes =
             !series.windows(2).zip(good.windows(2)).any(|(w, good)| good[0] && good[1] && repeats(w));
@@ -64,13 +65,13 @@ impl Tag {
         Self { points, marks, by_changes, longest }
     }
 
-    /// The points of the line that its values are on: one that is sent by changes stood still until a late one.
+    /// The corners of the line through its values. A tag that is sent by changes stands still until a late change.
     pub fn corners(&self) -> Cow<'_, Points> {
         if self.by_changes { Cow::Owned(stepped(&self.points)) } else { Cow::Borrowed(&self.points) }
     }
 
-    /// Of each time whether `holds` does, for it and the times of the good samples before and after it, the last of which is
-    /// `end`; of a time before all of them for it and the first.
+    /// For each time the result of `holds(time, before, after)`, with the times of the good samples before and after it. After the last
+    /// sample, `after` is `end`; before the first, `before` is the first.
     fn around(
         &self,
         times: impl Iterator<Item = f64>,
@@ -89,7 +90,7 @@ impl Tag {
             .collect()
     }
 
-    /// Which of the times lie between good samples that are near each other.
+    /// Which of the times lie between good samples without a silence between them.
     pub fn near(&self, times: impl Iterator<Item = f64>, end: f64) -> Vec<bool> {
         self.around(times, end, |t, before, after| {
             let silence = if t < before { before - t } else { after - before };
@@ -97,10 +98,10 @@ impl Tag {
         })
     }
 
-    /// At which of the times a value that is held is known.
+    /// At which of the times a held value is known.
     pub fn known(&self, times: impl Iterator<Item = f64>, end: f64) -> Vec<bool> {
         self.around(times, end, |t, before, after| {
-            // What changed first may have been anything before.
+            // Before the first change that a source sends, the value is not known.
             if t < before {
                 !self.by_changes && before - t <= self.longest
             } else {
@@ -114,7 +115,7 @@ impl Tag {
         self.marks.last().is_some_and(|mark| *mark > t)
     }
 
-    /// Until when a value of the time `before` stands, of which the next comes at `after` (s).
+    /// The time until which the value of the sample at `before` is valid; the next sample is at `after` (s).
     pub fn until(&self, before: f64, after: f64) -> f64 {
         if self.by_changes {
             let mark = self.marks.get(self.marks.partition_point(|t| *t <= before));
