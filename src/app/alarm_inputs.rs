@@ -166,6 +166,15 @@ mod tests {
     }
 
     #[test]
+    fn a_device_that_no_tag_is_read_from_is_shown_as_no_collector() {
+        let (_, history, devices) = parts();
+        assert_eq!(devices.len(), 2);
+        let plant = super::super::shown(&config(), &config(), &history, &devices);
+        let names: Vec<String> = (plant.devices)().into_iter().map(|own| own.name).collect();
+        assert_eq!(names, ["d"]);
+    }
+
+    #[test]
     fn op_and_pv_that_never_come_are_told_and_what_may_be_left_out_is_not() {
         let (own, history, _) = parts();
         let bad = || tags(&own, &history).bad;

@@ -45,7 +45,7 @@ impl Device {
 
     pub(super) fn start(&mut self, stop: &CancellationToken) {
         if let Some(mut collector) = self.collector.take() {
-            collector.resume(&|tag| Some(self.rings.by_tag.get(&tag)?.latest()?.t));
+            collector.resume(&|tag| self.rings.by_tag.get(&tag)?.latest());
             let stop = stop.child_token();
             let task = tokio::spawn(collector.run(self.rings.clone(), stop.clone()));
             self.task = Some((stop, task));

@@ -13,6 +13,7 @@ mod forward;
 mod found;
 mod inventory;
 mod lists;
+mod load;
 mod order;
 mod orders;
 mod progress;
@@ -37,9 +38,11 @@ use crate::host;
 use crate::notify::Outlet;
 use crate::results::{Results, Wanted};
 use crate::schedule::{Clock, Elsewhere};
+use crate::version::BUILD;
 use asking::Asking;
 use certificates::Ends;
 use claims::{Claims, Edges};
+use load::StreamLoad;
 use prost::Message;
 use server_clock::ServerClock;
 use standing::Standing;
@@ -136,6 +139,10 @@ pub(super) struct Fleet {
     /// `taking`, and people are told meanwhile.
     receivers: RwLock<()>,
     machines: Mutex<Machines>,
+    /// The streams, where a centre could look at them.
+    streams: Mutex<Vec<StreamLoad>>,
+    /// Of the certificates of this machine, the one that ends first.
+    ends: Mutex<Option<Ends>>,
     /// Messages that were left out because their loop is not known, or is another edge's.
     left_out: AtomicU64,
 }
@@ -212,6 +219,8 @@ impl Fleet {
             taking: RwLock::default(),
             receivers: RwLock::default(),
             machines: Mutex::default(),
+            streams: Mutex::default(),
+            ends: Mutex::default(),
             left_out: AtomicU64::new(0),
             config: own,
         })))
@@ -276,6 +285,7 @@ impl Fleet {
             if looked.is_none_or(|then| now.saturating_sub(then) >= CERTIFICATES) {
                 (looked, ends) = (Some(now), certificates::first(&scene.config));
             }
+            lock(&self.ends).clone_from(&ends);
             if let Err((_, error)) = link.send(&[self.sign(&scene.config, ends.as_ref())]).await {
                 tracing::debug!(%error, "the fleet does not hear that this machine is there");
             }
@@ -286,7 +296,7 @@ impl Fleet {
     fn sign(&self, config: &Config, ends: Option<&Ends>) -> Outgoing {
         let pulse = Pulse {
             role: self.role.as_str().to_string(),
-            version: env!("CARGO_PKG_VERSION").to_string(),
+            version: BUILD.to_string(),
             at: self.clock.now(),
             since: self.since,
             lag_s: self.lag_ms.load(Relaxed) as f64 * 1e-3,

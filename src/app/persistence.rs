@@ -3,6 +3,7 @@
 //! No collector knows of it. Every ring has one more reader, which remembers how far it has come; while the store fails the
 //! ring itself is what waits, and only what it overwrites before the store works again is lost, and counted.
 
+mod again;
 mod feed;
 mod retired;
 mod room;
@@ -18,16 +19,16 @@ use crate::schedule::Clock;
 use crate::serve::{AskDurable, AskStore, StoreState};
 use crate::signal::LoopId;
 use crate::store::{self, AlarmRow, Flusher, Found, ModelRow, Reader, Store, StoreError, TagName, Writer};
-use feed::StoreFeed;
+use feed::{Merge, Now, StoreFeed};
 use rows::{remembered, remembered_alarms, remembered_changes, remembered_model};
 use std::collections::VecDeque;
 use std::io;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
-use waiting::{Waiting, drop_oldest};
+use waiting::Waiting;
 
-/// Rows of parts that make their own, which wait for it: one of each of 10,000 loops, twice.
+/// Rows of what happened in parts that make their own, which wait for the writer: one of each of 10,000 loops, twice.
 const MAX_ROWS: usize = 20_000;
 /// Longest wait for what is new to be durable, before rings are replaced.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -56,6 +57,7 @@ struct Shared {
     /// Orders and indicators as they were kept, until there is somebody who takes them.
     plantwide: Mutex<KeptPlant>,
     take_back: OnceLock<TakeBack>,
+    keep_again: OnceLock<again::KeepAgain>,
     /// What is there was read, though it could not be opened.
     has_read: AtomicBool,
     /// The clock was set back, and what is of before is not written yet.
@@ -120,6 +122,8 @@ impl Persistence {
                     Ok(store) => store.disconnect(),
                     // Who has it open may change it, and of a database elsewhere who opens the spool says what is known.
                     Err(StoreError::InUse(_)) => return opened,
+                    // Nobody opens this spool before somebody has decided, and until then alarms are to go on from where they were.
+                    Err(StoreError::OwnStore { .. }) => {}
                     Err(error) if own.url.is_some() && !error.is_damage() => return opened,
                     Err(_) => {}
                 }
@@ -150,15 +154,14 @@ impl Persistence {
     pub(super) fn begin(&self, results: Arc<Results>) {
         let (Some(config), Some(opened)) = (&self.config, lock(&self.opened).take()) else { return };
         let (clock, own, shared) = (self.clock, config.clone(), self.shared.clone());
-        let feed = StoreFeed::new(
-            self.shared.clone(),
-            Box::new(move || clock.now()),
-            Box::new(move |found| {
-                shared.give_back(&found.alarms);
-                merge(&own, &results, found, clock.now());
-            }),
-            config.queue_mb as usize * 1_000_000,
-        );
+        let again = again::of(self.shared.clone(), results.clone(), (config.clone(), self.clock));
+        let merge: Merge = Box::new(move |found| {
+            shared.give_back(&found.alarms);
+            merge(&own, &results, found, clock.now());
+        });
+        let now: Now = Box::new(move || clock.now());
+        let room = config.queue_mb as usize * 1_000_000;
+        let feed = StoreFeed::new(self.shared.clone(), now, (merge, again), room);
         match Writer::driven(&self.driven, config, opened, feed, move || clock.now()) {
             Ok(writer) => *lock(&self.writer) = Some(writer),
             Err(error) => tracing::error!(%error, "nothing is stored: there is no thread for it"),
@@ -202,17 +205,10 @@ impl Persistence {
         if self.config.is_none() {
             return;
         }
-        let mut waiting = lock(&self.shared.rows);
-        waiting.extend(rows);
-        let mut surplus = waiting.len().saturating_sub(MAX_ROWS);
-        if surplus > 0 {
-            drop_oldest(&mut waiting, |_| {
-                let is_over = surplus > 0;
-                surplus = surplus.saturating_sub(1);
-                self.shared.dropped_rows.fetch_add(u64::from(is_over), Relaxed);
-                is_over
-            });
-        }
+        let mut all = lock(&self.shared.rows);
+        all.extend(rows);
+        let dropped = waiting::bound(&mut all, MAX_ROWS);
+        self.shared.dropped_rows.fetch_add(dropped, Relaxed);
     }
 
     /// Gives orders and indicators back to `take_back`: as they were kept, and whatever is found later that was not known, as
@@ -241,6 +237,12 @@ impl Persistence {
     /// Has everything noted made durable; false where that failed, or there is no store. It blocks its thread.
     pub(super) fn make_durable(&self) -> bool {
         self.ask_durable().is_some_and(|durable| durable())
+    }
+
+    /// Whether nothing new is made durable: the store fails, or there is no thread that writes. Waits for no disk.
+    pub(super) fn fails(&self) -> bool {
+        let works = |writer: &Writer| writer.status().failing.is_none();
+        self.config.is_some() && !lock(&self.writer).as_ref().is_some_and(works)
     }
 
     /// As it is configured since the start; `None` where there is none.

@@ -16,6 +16,8 @@ use crate::serve::dto::{BasisText, Report, rfc3339};
 use crate::signal::LoopId;
 use crate::store::archive::ArchiveError;
 use crate::store::{DiagnosisRow, Reader, StoreError, unpack};
+use crate::table;
+use crate::version::BUILD;
 use feed::{Feed, Listed, Stored};
 use machine::Machine;
 use std::net::SocketAddr;
@@ -47,8 +49,8 @@ pub enum ReplayError {
 pub enum Record {
     /// A store, for the plant of a configuration.
     Store(PathBuf, Box<Config>),
-    /// An export of samples, for the plant of a configuration.
-    Export(PathBuf, Box<Config>),
+    /// An export of samples with what its table does not say itself, for the plant of a configuration.
+    Export(PathBuf, Box<table::Options>, Box<Config>),
     /// A diagnosis bundle.
     Bundle(Box<Bundle>),
 }
@@ -91,7 +93,7 @@ pub type Say<'a> = &'a mut (dyn FnMut(&str) + Send);
 pub async fn replay(record: &Record, options: &Options, say: Say<'_>) -> Result<Tally, ReplayError> {
     match record {
         Record::Store(folder, config) => store(folder, config, options, say).await,
-        Record::Export(file, config) => export(file, config, options, say).await,
+        Record::Export(file, reading, config) => export(file, reading, config, options, say).await,
         Record::Bundle(bundle) => one(bundle, options, say).await,
     }
 }
@@ -188,8 +190,7 @@ fn compare(run: &Run, recorded: &str, version: &str, tally: &mut Tally, say: Say
         return say(&format!("{line}  identical"));
     }
     tally.different += 1;
-    let own = env!("CARGO_PKG_VERSION");
-    let by = if version == own { String::new() } else { format!(" (recorded by version {version})") };
+    let by = if version == BUILD { String::new() } else { format!(" (recorded by version {version})") };
     say(&format!("{line}  DIFFERENT{by}: {}", differences.join("; ")));
 }
 
@@ -207,9 +208,15 @@ fn told(run: &Run) -> String {
 }
 
 /// Diagnoses an export as the daemon's schedule would have; nothing is there to compare with.
-async fn export(file: &Path, config: &Config, options: &Options, say: Say<'_>) -> Result<Tally, ReplayError> {
+async fn export(
+    file: &Path,
+    reading: &table::Options,
+    config: &Config,
+    options: &Options,
+    say: Say<'_>,
+) -> Result<Tally, ReplayError> {
     let plant = config.plant().map_err(machine::issues)?;
-    let (mut feed, Some((first, last))) = Listed::read(file, &plant.loops)? else {
+    let (mut feed, Some((first, last))) = Listed::read(file, reading, &plant.loops)? else {
         return Err(ReplayError::Input(format!(
             "{}: no sample in it is of a loop of the configuration",
             file.display()

@@ -90,12 +90,16 @@ impl Security {
         if self.access.is_none() {
             return;
         }
+        let mut said = None;
         while stop.run_until_cancelled(tokio::time::sleep(LOOK)).await.is_some() {
             let own = self.clone();
-            match tokio::task::spawn_blocking(move || own.look_again(false)).await {
-                Ok(Ok(())) => {}
-                Ok(Err(error)) => tracing::error!(%error, "users and tokens stay as they were"),
-                Err(error) => tracing::error!(%error, "users and tokens cannot be looked at"),
+            let looked = tokio::task::spawn_blocking(move || own.look_again(false)).await;
+            let failed = match looked {
+                Ok(looked) => looked.err().map(|error| error.to_string()),
+                Err(error) => Some(format!("they cannot be looked at: {error}")),
+            };
+            if let Some(error) = news(&mut said, failed) {
+                tracing::error!(error, "users and tokens stay as they were");
             }
         }
     }
@@ -150,6 +154,13 @@ impl Security {
         }
         all
     }
+}
+
+/// What is to be said of a failure: nothing while it is the one that was said last, or the log would have it every second.
+fn news(said: &mut Option<String>, failed: Option<String>) -> Option<String> {
+    let is_new = *said != failed;
+    said.clone_from(&failed);
+    failed.filter(|_| is_new)
 }
 
 /// The book of a file whose version is `now`. None where another was in force and there is none: it is being replaced, or out
@@ -218,6 +229,34 @@ mod tests {
         assert!(!security.seen().gone, "it is said again when it happens again");
         add(&path, "kb");
         assert_eq!(look(false), 2);
+        fs::remove_dir_all(&folder).expect("removed");
+    }
+
+    #[test]
+    fn a_book_that_cannot_be_read_is_said_once_each_time_it_breaks() {
+        let folder = std::env::temp_dir().join(format!("stictiond-book-broken-{}", std::process::id()));
+        let _ = fs::remove_dir_all(&folder);
+        fs::create_dir_all(&folder).expect("writable");
+        let path = folder.join("users.json");
+        add(&path, "jw");
+        let whole = fs::read(&path).expect("there");
+        let security = security(&path).expect("it is whole");
+        let mut said = None;
+        let mut look = || {
+            let looked = security.look_again(false);
+            news(&mut said, looked.err().map(|error| error.to_string()))
+        };
+        assert_eq!(look(), None);
+        for broken in ["{", "[]"] {
+            fs::write(&path, broken).expect("writable");
+            let said = look().expect("it is said");
+            assert!(said.contains("users.json"), "{said}");
+            assert_eq!((look(), look()), (None, None), "it is said already");
+        }
+        fs::write(&path, &whole).expect("writable");
+        assert_eq!(look(), None);
+        fs::write(&path, "[]").expect("writable");
+        assert!(look().is_some(), "it is said again when it happens again");
         fs::remove_dir_all(&folder).expect("removed");
     }
 

@@ -227,10 +227,11 @@ async fn a_loop_that_a_reload_points_at_another_valve_is_given_nothing_of_the_on
 
 #[tokio::test]
 async fn a_start_is_given_nothing_of_another_valve_and_no_structure_of_another_version() {
-    let own = env!("CARGO_PKG_VERSION");
+    let (own, other_build) = (crate::version::BUILD, concat!(env!("CARGO_PKG_VERSION"), "+0"));
     let cases = [
         ("same", own, false, (true, true)),
         ("version", "0.0.1", false, (false, true)),
+        ("build", other_build, false, (false, true)),
         ("elsewhere", own, true, (false, false)),
     ];
     for (name, version, is_elsewhere, given) in cases {

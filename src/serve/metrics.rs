@@ -1,6 +1,6 @@
 //! Metrics for Prometheus, made anew at each scrape from what is known: no series outlives its loop.
 
-use super::{Context, DeviceState, Plant};
+use super::{Context, DeviceState, Machine, Plant};
 use crate::alarm::State;
 use crate::history::History;
 use crate::indicators::series::NAMED;
@@ -19,6 +19,9 @@ type Labels = Vec<(&'static str, String)>;
 type Gauges = Family<Labels, Gauge<f64, AtomicU64>>;
 type Counts = Family<Labels, Counter<f64, AtomicU64>>;
 
+/// One day (s).
+const DAY_S: f64 = 86_400.0;
+
 /// The exposition text.
 pub fn text(context: &Context) -> String {
     let mut registry = Registry::with_prefix("stictiond");
@@ -34,7 +37,7 @@ pub fn text(context: &Context) -> String {
     store(&mut registry, context, now);
     audit(&mut registry, context);
     receivers(&mut registry, context);
-    fleet(&mut registry, context);
+    fleet(&mut registry, context, now);
     process(&mut registry);
     let mut text = String::new();
     // Writing to a String cannot fail.
@@ -105,8 +108,8 @@ fn count(family: &Counts, pairs: &[(&'static str, &str)], value: f64) {
     family.get_or_create(&labels(pairs)).inc_by(value);
 }
 
-/// Indicators that are worth a series for each loop.
-const INDICATORS: [&str; 5] = ["score", "service_factor", "error_sd", "harris", "swing"];
+/// Indicators that are worth a series for each loop: those by which somebody is told.
+const INDICATORS: [&str; 6] = ["score", "service_factor", "error_sd", "harris", "swing", "compression"];
 
 fn plantwide(registry: &mut Registry, context: &Context, plant: &Plant) {
     let Some(port) = &context.plantwide else { return };
@@ -333,12 +336,50 @@ fn receivers(registry: &mut Registry, context: &Context) {
 }
 
 /// What others of the fleet say.
-fn fleet(registry: &mut Registry, context: &Context) {
+fn fleet(registry: &mut Registry, context: &Context, now: f64) {
     let Some(port) = &context.fleet else { return };
     let help = "Messages of the fleet that were of no use, or would have taken too much memory";
     counter(registry, "fleet_refused_messages", help, port.refused() as f64);
     let help = "Messages left out because no edge has announced their loop, or because it is another edge's";
     counter(registry, "fleet_left_out_messages", help, port.left_out() as f64);
+    let (load, heard) = (port.load(), port.seen().machines);
+    let all = if heard.is_empty() { std::slice::from_ref(&load.own) } else { heard.as_slice() };
+    machines(registry, all, now);
+    // What this machine says of itself is not heard.
+    let age = gauges(registry, "fleet_heard_age_seconds", "Time since a machine said last that it is there");
+    for own in &heard {
+        set(&age, &of_machine(own), (now - own.heard_at).max(0.0));
+    }
+    if let Some(windows) = load.windows {
+        let help = "Windows that wait for a worker: of this edge, or at a centre of all edges";
+        gauge(registry, "fleet_windows_waiting", help, windows as f64);
+    }
+    let help = "Share of a stream's room that is taken (0..1), at a centre";
+    let fill = gauges(registry, "fleet_stream_fill_ratio", help);
+    for (stream, share) in load.streams {
+        set(&fill, &[("stream", stream)], share);
+    }
+}
+
+fn of_machine(own: &Machine) -> [(&'static str, &str); 3] {
+    [("role", own.role.as_str()), ("site", own.site.as_str()), ("machine", own.name.as_str())]
+}
+
+/// What machines say of themselves: at a centre all that it has heard of, at most 10,000, elsewhere this one.
+fn machines(registry: &mut Registry, all: &[Machine], now: f64) {
+    let help = "Age of the oldest that waits to be forwarded, or at a centre to be taken";
+    let lag = gauges(registry, "fleet_lag_seconds", help);
+    let help = "Days until the first of a machine's certificates ends, negative once it has";
+    let certificate = gauges(registry, "fleet_certificate_days", help);
+    for own in all {
+        // A worker forwards nothing.
+        if own.role != "worker" {
+            set(&lag, &of_machine(own), own.lag_s);
+        }
+        if let Some((_, until)) = own.certificate {
+            set(&certificate, &of_machine(own), (until - now) / DAY_S);
+        }
+    }
 }
 
 /// What the kernel says of the process; nothing where it says nothing.

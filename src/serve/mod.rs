@@ -25,9 +25,9 @@ pub use policy::{Need, RULES};
 #[cfg(feature = "writeback")]
 pub use ports::Acted;
 pub use ports::{BackfillFile, BackfillPhase, BackfillPort, BackfillRefusal, BackfillRequest, BackfillRun};
+pub use ports::{CauseSeen, GroupSeen, Health, LoopLook, Overview, PlantwidePort, Standing, WorkLine};
 pub use ports::{DeadLetter, NotificationPort, ReceiverState, WritebackPort};
-pub use ports::{FleetPort, FleetSeen, Machine};
-pub use ports::{GroupSeen, Health, Overview, PlantwidePort, WorkLine};
+pub use ports::{FleetLoad, FleetPort, FleetSeen, Machine, Standby};
 pub use tls::{Config as TlsConfig, Tls, TlsError};
 
 use self::refusals::Refusals;
@@ -330,6 +330,8 @@ pub struct Context {
     access: Option<Arc<Access>>,
     audit: Option<Arc<Recorder>>,
     refusals: Refusals,
+    /// Throttled log-ins, of which the log has few.
+    throttled: Refusals,
     tls: Option<Arc<Tls>>,
     /// Passwords hashed at the same time.
     hashing: Arc<Semaphore>,
@@ -368,6 +370,7 @@ impl Context {
             access: None,
             audit: None,
             refusals: Refusals::default(),
+            throttled: Refusals::default(),
             tls: None,
             hashing: Arc::new(Semaphore::new(HASHING)),
             loopback: OnceLock::new(),
@@ -407,6 +410,11 @@ impl Context {
     /// Shows the plant as a whole.
     pub fn with_plantwide(self, plantwide: Arc<dyn PlantwidePort>) -> Self {
         Self { plantwide: Some(plantwide), ..self }
+    }
+
+    /// How a loop stands among others; unknown where nobody looks at the plant as a whole.
+    fn standing(&self, id: &LoopId) -> Standing {
+        self.plantwide.as_ref().map_or_else(Standing::default, |port| port.standing(id))
     }
 
     /// Lets in whom `access` knows; without it everybody on this machine.

@@ -9,9 +9,9 @@ mod writeback;
 pub use backfill::{
     BackfillFile, BackfillPhase, BackfillPort, BackfillRefusal, BackfillRequest, BackfillRun,
 };
-pub use fleet::{FleetPort, FleetSeen, Machine};
+pub use fleet::{FleetLoad, FleetPort, FleetSeen, Machine, Standby};
 pub use notifications::{DeadLetter, NotificationPort, ReceiverState};
-pub use plantwide::{GroupSeen, Health, Overview, PlantwidePort, WorkLine};
+pub use plantwide::{CauseSeen, GroupSeen, Health, LoopLook, Overview, PlantwidePort, Standing, WorkLine};
 #[cfg(feature = "writeback")]
 pub use writeback::Acted;
 pub use writeback::WritebackPort;

@@ -57,6 +57,15 @@ impl Problem {
         Self::new(StatusCode::NOT_FOUND, "not_diagnosed_yet", detail).with("loop", id)
     }
 
+    /// 409: this centre does not act for the fleet, but the one called `leader`, where that is known.
+    pub fn not_leading(kind: &'static str, leader: Option<&str>) -> Self {
+        let detail = match leader {
+            Some(name) => format!("another centre, {name}, acts for the fleet at present: do it there"),
+            None => "this centre does not act for the fleet at present, and knows of no other".to_string(),
+        };
+        Self::new(StatusCode::CONFLICT, kind, detail).with("leader", leader)
+    }
+
     /// 503: try again later.
     pub fn busy(kind: &'static str, detail: impl Into<String>) -> Self {
         Self::new(StatusCode::SERVICE_UNAVAILABLE, kind, detail)

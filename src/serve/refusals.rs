@@ -1,5 +1,6 @@
 //! How many refusals of one person or program are put on record: so many at once and then one a minute, so that nobody who may
 //! change nothing can fill the record and push out of it what was changed.
+//! Likewise how many throttled log-ins are in the log.
 
 use std::collections::HashMap;
 use std::sync::{Mutex, PoisonError};

@@ -52,7 +52,7 @@ pub fn notes(report: &Report) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnosis::{Diagnosis, Verdict};
+    use crate::diagnosis::{Acquisition, Diagnosis, Preparation, Verdict};
     use crate::residual::Kind;
     use crate::results::{made_effect, made_findings};
 
@@ -77,6 +77,16 @@ mod tests {
         let told = ["The record ", "a gain change (48 %)", "a load step (41 %)", "(11 %)"];
         assert!(told.iter().all(|part| between.contains(part)), "{between}");
         assert!(worse.starts_with("A simulation"), "{worse}");
+    }
+
+    #[test]
+    fn what_to_know_of_the_polls_stands_behind_the_verdict() {
+        let polls = Acquisition { poll_s: Some(2.3), jitter_s: Some(0.1), ..Acquisition::default() };
+        let preparation = Preparation { acquisition: Some(Box::new(polls)), ..Preparation::default() };
+        let declared = Diagnosis { preparation, ..Diagnosis::bare(Verdict::NoStiction, "made for a test") };
+        let said = verdict(&Report::new("FIC101", Some(100.0), &declared));
+        let end = " The controller may act between two polls: for a narrower interval of f poll at least twice per scan.";
+        assert!(said.ends_with(end), "{said}");
     }
 
     #[test]

@@ -269,8 +269,25 @@ async fn what_a_server_kept_is_read_into_the_store_and_diagnosed() {
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         output.stdout
     };
-    let (first, again) = tokio::task::spawn_blocking(move || (run(), run())).await.expect("both end");
+    // Then OP and PV are read elsewhere, and a window needs more: what is noted as read is not of these tags.
+    let changed = plant(server.port, "[diagnosis]\nmin_samples = 600\n")
+        .replace("[loop.op]", "[loop.x]")
+        .replace("[loop.pv]", "[loop.op]")
+        .replace("[loop.x]", "[loop.pv]");
+    let runs = tokio::task::spawn_blocking(move || {
+        let (first, again) = (run(), run());
+        std::fs::write(&file, changed).expect("writable");
+        (first, again, run())
+    });
+    let (first, again, other) = runs.await.expect("all end");
     assert_eq!(first, again);
+    let reader = store::Reader::open(&folder.join("past")).expect("can be read");
+    let tags = reader.tags().expect("can be read");
+    let places = tags.iter().filter(|tag| tag.name.tag == "pv").map(|tag| tag.name.source.as_str());
+    let places: std::collections::BTreeSet<&str> = places.collect();
+    assert_eq!(places.len(), 2, "PV by its path, and by its node: {places:?}");
+    let needed = |report: &[u8]| String::from_utf8_lossy(report).matches("600 needed").count();
+    assert_eq!((needed(&first), needed(&other)), (0, 4), "{}", String::from_utf8_lossy(&other));
     let report: serde_json::Value = serde_json::from_slice(&first).expect("JSON");
     assert_eq!(report["items"].as_array().map(Vec::len), Some(4), "{report}");
     std::fs::remove_dir_all(&folder).expect("it was made");

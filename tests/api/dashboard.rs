@@ -203,6 +203,9 @@ async fn the_daemon_says_what_it_is_and_where_its_data_comes_from() {
     rig.diagnose("FIC1").await;
     let system = rig.json("/api/v1/system").await;
     assert_eq!(system["version"], env!("CARGO_PKG_VERSION"));
+    let build = system["build"].as_str().and_then(|own| own.strip_prefix(env!("CARGO_PKG_VERSION")));
+    let identity = build.and_then(|own| own.strip_prefix('+')).unwrap_or_default();
+    assert!(identity.len() == 16 && identity.chars().all(|c| c.is_ascii_hexdigit()), "{system}");
     assert_eq!((system["loops"].as_u64(), system["tags"].as_u64()), (Some(4), Some(12)));
     assert!(system["memory_bytes"].as_u64().is_some_and(|bytes| bytes > 1_000_000), "{system}");
     assert_eq!(system["scheduler"]["diagnosed"], 1);

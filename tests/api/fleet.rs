@@ -271,3 +271,27 @@ async fn machines_say_how_they_are_and_an_empty_centre_is_empty() {
     assert_eq!((&map["total"], &map["groups"]), (&json!(0), &json!([])));
     assert_eq!(Rig::ids(&ask(to, "/api/v1/loops").await), [""; 0]);
 }
+
+#[tokio::test]
+async fn what_backs_up_in_the_fleet_is_in_the_metrics() {
+    let to = serve(&[]).await;
+    let text = get(to, "/metrics").await.text();
+    let value = |series: &str| -> Option<f64> {
+        let line = text.lines().find_map(|line| line.strip_prefix(series)?.strip_prefix(' '));
+        line.and_then(|value| value.parse().ok())
+    };
+    let of = |name: &str, role: &str, site: &str, machine: &str| {
+        value(&format!("stictiond_fleet_{name}{{role=\"{role}\",site=\"{site}\",machine=\"{machine}\"}}"))
+    };
+    assert_eq!(of("lag_seconds", "edge", "s00", "edge-s00"), Some(600.0), "{text}");
+    assert_eq!(of("lag_seconds", "centre", "", "c1"), Some(0.8));
+    assert_eq!(of("lag_seconds", "worker", "", "w1"), None, "a worker forwards nothing");
+    let near = |value: Option<f64>, wanted: f64| value.is_some_and(|own| (own - wanted).abs() < 0.5);
+    assert!(near(of("heard_age_seconds", "edge", "s02", "edge-s02"), 60.0), "{text}");
+    assert!(near(of("heard_age_seconds", "worker", "", "w1"), 2.0), "{text}");
+    assert!(near(of("certificate_days", "edge", "s03", "edge-s03"), 10.0), "{text}");
+    assert_eq!(of("certificate_days", "edge", "s05", "edge-s05"), None);
+    assert_eq!(value("stictiond_fleet_windows_waiting"), Some(42.0));
+    let fill = |stream: &str| value(&format!("stictiond_fleet_stream_fill_ratio{{stream=\"{stream}\"}}"));
+    assert_eq!((fill("stictiond_alarms"), fill("stictiond_samples")), (Some(0.85), Some(1.0)));
+}

@@ -46,13 +46,70 @@ async fn calms_down_with(daemon: &Daemon, group: &Value, line: &Value) {
     let stands_out = first["probability"].as_f64().expect("a probability") >= 0.5;
     assert_eq!(!victims.is_empty(), stands_out, "{group} {line}");
     for other in names(&group["members"]).iter().filter(|id| *id != source) {
-        let told = daemon.json(&format!("/api/v1/loops/{other}")).await["swings_with"].clone();
+        let detail = daemon.json(&format!("/api/v1/loops/{other}")).await;
+        let told = &detail["swings_with"];
         assert_eq!(told == source, victims.contains(other), "{other}: {told} {line}");
+        if victims.contains(other) {
+            let cause = &detail["cause"];
+            assert_eq!(
+                (&cause["name"], &cause["neighbour"]),
+                (&json!("neighbour"), &json!(source)),
+                "{detail}"
+            );
+            let causes = cause["causes"].as_array().expect("a list");
+            let same = causes.iter().find(|own| own["name"] == "neighbour").expect("it is among them");
+            assert_eq!((causes.len(), &same["probability"]), (7, &cause["probability"]), "{detail}");
+            assert!(cause["why"].as_str().is_some_and(|why| why.contains(source)), "{detail}");
+        }
     }
     if let Some(victim) = victims.first() {
         let report = get(daemon.address, &format!("/api/v1/loops/{victim}/report.html")).await.text();
         assert!(report.contains(&format!("It swings with {source}")), "{report}");
     }
+}
+
+/// How loops stand among others is in their list, which is sorted by it; what is no single number is beside their indicators.
+async fn stand_among_others(daemon: &Daemon, priced: &str) {
+    let by_score = "/api/v1/loops?sort=score";
+    let list = until(daemon, by_score, "scores", |list| !list["items"][0]["score"].is_null()).await;
+    let items = list["items"].as_array().expect("a list");
+    let scores: Vec<f64> = items.iter().map_while(|own| own["score"].as_f64()).collect();
+    assert!(scores.len() >= 2 && scores.is_sorted(), "the worst first: {scores:?}");
+    assert!(items[scores.len()..].iter().all(|own| own["score"].is_null()), "unknown ones last: {list}");
+    let list = daemon.json("/api/v1/loops?sort=cost").await;
+    let (first, next) = (&list["items"][0], &list["items"][1]);
+    assert_eq!((&first["id"], &first["cost_unit"]), (&json!(priced), &json!("EUR/day")), "{first}");
+    assert!(first["cost"].as_f64().is_some_and(|cost| cost >= 0.0), "{first}");
+    assert!(next["cost"].is_null() && next["cost_unit"].is_null(), "{next}");
+    let path = format!("/api/v1/loops/{priced}/indicators");
+    let found = until(daemon, &path, "a look", |found| !found["latest"]["harris"].is_null()).await;
+    let names = found["names"].as_array().expect("names");
+    let hour = |name: &str| {
+        let at = names.iter().position(|own| own["name"] == name).expect(name);
+        found["over"]["hour"][at].as_f64()
+    };
+    // Indicators are kept in single precision.
+    let same = |kept: Option<f64>, told: &Value| match (kept, told.as_f64()) {
+        (Some(kept), Some(told)) => (kept - told).abs() <= 1e-6 * told.abs(),
+        (kept, told) => kept == told,
+    };
+    let latest = &found["latest"];
+    for (name, told) in [
+        ("period_s", &latest["oscillations"][0]["period_s"]),
+        ("regularity", &latest["oscillations"][0]["regularity_r"]),
+        ("harris", &latest["harris"]["index"]),
+        ("harris_low", &latest["harris"]["ci95"][0]),
+        ("harris_high", &latest["harris"]["ci95"][1]),
+        ("harris_dead_time_s", &latest["harris"]["dead_time_s"]),
+        ("settling_s", &latest["settling"]["time_s"]),
+    ] {
+        assert!(same(hour(name), told), "{name}: {:?} {latest}", hour(name));
+    }
+    let from = latest["harris"]["dead_time_from"].as_str();
+    assert_eq!(from == Some("one_sample"), latest["harris"]["dead_time_s"].is_null(), "{latest}");
+    assert!(hour("compression").is_some_and(|factor| factor >= 1.0), "{found}");
+    // There is no set point, and nobody said what the limits of OP are.
+    assert!(hour("ise_per_s").is_none() && latest["op_distribution"].is_null(), "{found}");
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -69,6 +126,7 @@ async fn from_a_swing_that_loops_share_to_an_order_that_outlives_a_restart() {
         group["members"].as_array().expect("names").iter().filter_map(Value::as_str).collect();
     let entered = site.of.loops[3].name.as_str();
     assert!(members.len() >= 3 && members.contains(entered), "{groups}");
+    stand_among_others(&daemon, entered).await;
     let truth = site.of.period_s[0];
     assert!((group["period_s"].as_f64().expect("a period") / truth - 1.0).abs() < 0.05, "{group} {truth}");
     assert!(group["words"].as_str().is_some_and(|words| words.contains("swing together")), "{group}");
@@ -127,6 +185,7 @@ async fn from_a_swing_that_loops_share_to_an_order_that_outlives_a_restart() {
     for series in [
         "stictiond_work_orders{state=\"ordered\"} 1",
         "stictiond_loop_indicator{loop=",
+        ",indicator=\"compression\"} ",
         "stictiond_swing_groups ",
     ] {
         assert!(metrics.contains(series), "{series} in {metrics}");

@@ -49,7 +49,7 @@ async fn pages_join_to_the_whole_list_in_every_order() {
     for id in &names[..20] {
         rig.diagnose(id).await;
     }
-    for sort in ["severity", "id", "group", "f", "delta_aic", "age"] {
+    for sort in ["severity", "id", "group", "f", "delta_aic", "age", "score", "cost"] {
         for order in ["asc", "desc"] {
             let query = format!("/api/v1/loops?sort={sort}&order={order}");
             let whole = Rig::ids(&rig.json(&format!("{query}&limit=1000")).await);

@@ -14,8 +14,9 @@ from playwright.sync_api import expect, sync_playwright
 
 from fleet import fleet
 from small import small
+from standing import standing
 from swinging import swinging
-from trouble import store, trouble
+from trouble import refuse_once, refused, store, trouble
 from walk import Walk, check
 
 PASSWORD = "a password for tests"
@@ -450,9 +451,11 @@ def access(walk):
     walk.axe("the log-in, dark")
     log_in(walk, "enya")
     expect(page.locator(".tile").first).to_be_visible()
+    refuse_once(page, re.compile(r"/api/v1/audit\?"))
     page.get_by_role("link", name="Audit").click()
     row = page.locator("tr[data-event=change]").first
     expect(row).to_contain_text("otto")
+    refused(walk, "an audit log that was refused is asked for again")
     expect(row).to_contain_text(f"/api/v1/alarms/{sticky}%2Fstiction/ack")
     check("refused" in page.locator("tr[data-event=refused]").first.text_content(), "what was refused is on record too")
     check(PASSWORD not in page.locator("body").inner_text() and "not the password" not in page.content(), "no password is on record")
@@ -519,7 +522,7 @@ def told(walk):
     print("ok: all are sent again by keyboard alone")
 
 
-PARTS = {"swinging": [swinging], "fleet": fleet, "trouble": trouble, "small": small, "store": [store], "access": [access], "receivers": [told], "walk": [plant, one_loop, opinions, acknowledge, looks, report], "speed": [speed]}
+PARTS = {"swinging": [swinging], "fleet": fleet, "trouble": trouble, "small": [*small, standing], "store": [store], "access": [access], "receivers": [told], "walk": [plant, one_loop, opinions, acknowledge, looks, report], "speed": [speed]}
 
 
 def main():

@@ -1,11 +1,12 @@
-"""Small cases: few samples, streams that say nothing, values that nothing comes of, very many changes at once. Streams say what the test says."""
+"""Small cases: few samples, streams that say nothing, values that nothing comes of, very many changes at once, and what is read or pressed meanwhile.
+Streams say what the test says."""
 
 import re
 from urllib.parse import parse_qs, urlsplit
 
 from playwright.sync_api import expect
 
-from trouble import BUSY, COLLECTORS, HEALTH, answer_samples, column, patch, plant_time, quick, reads, refused, rfc3339, tag
+from trouble import BUSY, COLLECTORS, HEALTH, answer_samples, column, patch, plant_time, quick, reads, refuse_once, refused, rfc3339, tag
 from walk import check
 
 LOOP = "FIC00000"
@@ -13,6 +14,9 @@ DETAIL = re.compile(rf"/api/v1/loops/{LOOP}$")
 RUNS = re.compile(rf"/api/v1/loops/{LOOP}/diagnoses\?")
 SAMPLES = re.compile(rf"/api/v1/loops/{LOOP}/samples\?")
 LIST = re.compile(r"/api/v1/loops\?")
+TERM = re.compile(rf"/api/v1/loops/{LOOP}/writeback$")
+ALARMS = re.compile(r"/api/v1/alarms$")
+WORK = re.compile(r"/api/v1/work\?all=false$")
 
 # Streams come from the test alone, by the last part of their address. What is not answered is given up soon while `hurried`, and the
 # page's own clock is `ahead` by so much (ms).
@@ -299,4 +303,156 @@ def pages(walk):
     print("ok: More shows more, also past what is handed out at a time")
 
 
-small = [lines, parted, changes, busy, patience, ages, full, old_tiles, pages]
+def grown(walk):
+    """A trend that has been open for an hour: its ring has begun anew since."""
+    page = begun(walk)
+    newest = plant_time(walk)
+    times = list(range(newest - 600, newest + 1, 2))
+    page.route(SAMPLES, lambda route: answer_samples(route, [column(name, times, [41.0] * len(times)) for name in ("op", "pv")]))
+    page.goto(f"{walk.base}/#/loop/{LOOP}")
+    frame = page.locator(".trend")
+    expect(frame).to_have_attribute("data-newest", str(newest))
+    times[:] = range(newest + 3000, newest + 3601, 2)
+    page.evaluate("(tags) => say('live', 'samples', tags)", [tag(name, newest + 3600, 42.0) for name in ("op", "pv")])
+    expect(frame).to_have_attribute("data-newest", str(newest + 3600))
+    page.get_by_role("button", name="Everything that is remembered").click()
+    expect(frame).to_have_attribute("data-from", str(newest + 3000))
+    expect(frame).to_have_attribute("data-to", str(newest + 3600))
+    print("ok: everything that is remembered is what is remembered now")
+
+
+def units(walk):
+    """OP and a measured stem in units of their own, over one axis."""
+    page = begun(walk)
+    page.add_init_script("""(() => {
+        const canvas = CanvasRenderingContext2D.prototype, write = canvas.fillText;
+        window.written = new Set();
+        canvas.fillText = function (text, ...at) {
+            window.written.add(text);
+            return write.call(this, text, ...at);
+        };
+    })()""")
+    newest = plant_time(walk)
+    times = range(newest - 600, newest + 1, 2)
+    own = [column(name, times, [12.0] * len(times), unit=unit) for name, unit in (("pv", "%"), ("sp", "%"), ("op", "mA"), ("mv", "mm"))]
+    page.route(SAMPLES, lambda route: answer_samples(route, own))
+    page.goto(f"{walk.base}/#/loop/{LOOP}")
+    page.wait_for_function("() => written.has('PV, SP [%]') && written.has('OP [mA], MV [mm]')")
+    print("ok: an axis has the unit of each of its tags")
+
+
+def keys(walk):
+    """Keys with Alt, Ctrl and Meta are the browser's: a page back, all larger, the address."""
+    page = begun(walk)
+    newest = plant_time(walk)
+    page.route(SAMPLES, lambda route: answer_samples(route, [column(name, range(newest - 600, newest + 1, 2), [41.0] * 301) for name in ("op", "pv")]))
+    page.goto(walk.base)
+    hello(page)
+    taken = """(selector) => [{}, { altKey: true }, { ctrlKey: true }, { metaKey: true }].map((keys) =>
+        !document.querySelector(selector).dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowLeft", bubbles: true, cancelable: true, ...keys })))"""
+    expect(page.locator(".tile")).to_have_count(20)
+    check(page.evaluate(taken, ".tile") == [True, False, False, False], "tiles take arrow keys alone")
+    page.goto(f"{walk.base}/#/loop/{LOOP}")
+    expect(page.locator(".trend")).to_have_attribute("data-newest", str(newest))
+    check(page.evaluate(taken, ".trend") == [True, False, False, False], "and so does a trend")
+
+
+def term(walk):
+    """A term of write-back that changes while nothing else does."""
+    page = begun(walk, 5000)
+    view = {"state": "active", "since": "2026-01-01T00:00:00Z", "term_percent": 0.0, "in_force_percent": 0.0, "denials": [], "tripped_by": None, "grant": None, "baseline_s": None, "effect": None}
+    patch(page, DETAIL, lambda answer: answer.update(writeback=view))
+    page.route(TERM, lambda route: route.fulfill(json={**view, "in_force_percent": 1.25}))
+    page.goto(f"{walk.base}/#/loop/{LOOP}")
+    expect(page.locator("section[aria-label=Write-back] dl")).to_contain_text("in force1.25 %")
+    print("ok: the term that is shown is the one in force now")
+
+
+def pressed_twice(walk):
+    """A button that is pressed again before the daemon has answered."""
+    page = begun(walk)
+    held = []
+    page.route(re.compile(rf"/api/v1/alarms/{LOOP}/ack$"), lambda route: held.append(route))
+    page.goto(f"{walk.base}/#/loop/{LOOP}")
+    page.get_by_role("button", name="Acknowledge").click()
+    page.get_by_label("Your name").fill("M. Keller")
+    page.keyboard.press("Enter")
+    until(page, lambda: len(held) == 1, "it is asked for")
+    page.keyboard.press("Enter")
+    # What was asked before has been seen by then.
+    page.evaluate("fetch('/api/v1/healthz').then((answer) => answer.text())")
+    check(len(held) == 1, f"what waits for its answer is not asked for again: {len(held)}")
+    held.pop().fulfill(json={"survives_restart": True})
+    expect(page.get_by_role("dialog")).to_have_count(0)
+
+
+def reading(walk):
+    """Alarms and work that somebody reads while other loops are diagnosed, and alarms that are refused once."""
+    page = begun(walk, 5000, 15000)
+    asked, answered = [], []
+    page.goto(f"{walk.base}/#/alarms")
+    hello(page)
+    row = page.locator(f"tr[data-id={LOOP}]")
+    expect(row).to_contain_text("feed to column 0")
+
+    def diagnosed(loop):
+        with page.expect_response(re.compile(rf"/api/v1/loops/{loop}$")):
+            page.evaluate("(loop) => say('events', 'diagnosis', { loop })", loop)
+
+    diagnosed("FIC00005")
+    diagnosed("FIC00009")
+    page.on("request", lambda request: asked.append(request.url) if ALARMS.search(request.url) else None)
+    diagnosed("FIC00006")
+    diagnosed("FIC00007")
+    check(not asked, f"diagnoses of loops without an alarm ask for no alarms: {asked}")
+    row.locator("a").focus()
+    page.evaluate("(row) => void (document.querySelector(row).kept = true)", f"tr[data-id={LOOP}]")
+    with page.expect_response(ALARMS):
+        page.evaluate("(loop) => say('events', 'alarm', { loop })", LOOP)
+    diagnosed("FIC00008")
+    check(page.evaluate("(row) => document.querySelector(row).kept === true && document.activeElement.matches(`${row} a`)", f"tr[data-id={LOOP}]"), "alarms that are the same stay in the document")
+    patch(page, ALARMS, lambda answer: [item.update(detail="changed meanwhile") for item in answer["items"]])
+    page.evaluate("(loop) => say('events', 'alarm', { loop })", LOOP)
+    expect(row).to_contain_text("changed meanwhile")
+    check(page.evaluate("(row) => document.activeElement.matches(`${row} a`)", f"tr[data-id={LOOP}]"), "what has the focus keeps it when its row changes")
+    page.on("response", lambda answer: answered.append(answer.status) if ALARMS.search(answer.url) else None)
+    refuse_once(page, ALARMS)
+    page.evaluate("say('events', 'alarm')")
+    until(page, lambda: 503 in answered and answered[-1] == 200, "what was refused comes")
+    refused(walk, "alarms that were refused are asked for again")
+
+    item = {"id": LOOP, "state": "open", "since": None, "first": None, "cause": "valve", "probability": 0.9, "why": "it sticks", "victims": [f"FIC{at:05}" for at in range(1, 9)], "cost": None, "cost_unit": None, "by": None, "note": None, "reopened": 0, "before": None, "after": None}
+    page.route(WORK, lambda route: route.fulfill(json={"time": None, "standing": 1, "watched": 0, "items": [item]}))
+    page.goto(f"{walk.base}/#/work")
+    page.locator("tbody summary").click()
+    for _ in range(2):
+        with page.expect_response(WORK):
+            pass
+    check(page.locator("tbody details[open]").count() == 1, "work that is the same stays in the document")
+    page.locator("tbody a").first.focus()
+    item.update(why="it sticks more")
+    expect(page.locator("tbody tr")).to_contain_text("it sticks more")
+    check(page.evaluate("document.activeElement.getAttribute('href')") == f"#/loop/{LOOP}", "and what has the focus keeps it when it changes")
+
+
+def summer_time(walk):
+    """Days on an axis on either side of a change to summer time, and from it."""
+    page = walk.open(1440, 900, zone="Europe/Berlin")
+    page.goto(walk.base)
+    found = page.evaluate("""async () => {
+        const { plot } = await import("/js/svg.js"), box = document.createElement("div");
+        document.body.append(box);
+        return [["2026-03-25", "2026-04-02"], ["2026-10-21", "2026-10-29"]].map(([from, to]) => {
+            const range = [from, to].map((day) => new Date(`${day}T12:00:00`).getTime()), days = [];
+            for (const day = new Date(`${from}T00:00:00`); day.setDate(day.getDate() + 1) < range[1]; ) days.push(day.getTime());
+            const made = plot(box, [{ kind: "points", class: "pv", size: 1, x: days, y: days.map(() => 0.5) }], { x: { time: true, range, label: "" }, y: { range: [0, 1], label: "" } });
+            const ticks = [...made.querySelectorAll("text")].filter((own) => /^[0-9]{2}-[0-9]{2}$/.test(own.textContent)), midnights = [...made.querySelectorAll("circle")];
+            return { texts: ticks.map((own) => own.textContent), off: ticks.map((own, i) => Math.abs(own.getAttribute("x") - midnights[i].getAttribute("cx"))) };
+        });
+    }""")
+    texts = [own["texts"] for own in found]
+    check(texts[0] == [*(f"03-{day}" for day in range(26, 32)), "04-01", "04-02"] and texts[1] == [f"10-{day}" for day in range(22, 30)], f"each day has its date: {texts}")
+    check(max(max(own["off"]) for own in found) < 0.1, f"where it begins: {found}")
+
+
+small = [lines, parted, changes, busy, patience, ages, full, old_tiles, pages, grown, units, keys, term, pressed_twice, reading, summer_time]

@@ -1,7 +1,10 @@
 """The work list, the groups of loops that swing together, and a loop's indicators."""
 
+import re
+
 from playwright.sync_api import expect
 
+from trouble import patch
 from walk import check
 
 
@@ -42,7 +45,14 @@ def swinging(walk):
     walk.shot("group", whole=True)
     walk.axe("a group, light")
 
+    check("Arrow: comes later" in page.locator(".swing figcaption").nth(2).text_content(), "the graph says what an arrow and a line mean")
+    cause = {"time": "2026-01-01T00:00:00Z", "name": "neighbour", "probability": 0.88, "why": "it swings with 3 others", "neighbour": "FIC9", "causes": []}
+    detail = re.compile(rf"/api/v1/loops/{source}$")
+    patch(page, detail, lambda answer: answer.update(cause=cause))
     walk.go(f"loop/{source}")
+    expect(page.locator("p.cause")).to_have_text(re.compile(r"^Cause by the look at the plant of .+: neighbour FIC9, 88 %: it swings with 3 others\.$"))
+    expect(page.locator("p.cause a")).to_have_attribute("href", "#/loop/FIC9")
+    page.unroute(detail)
     expect(page.locator(".spark").first).to_be_visible()
     card = page.locator(".card", has=page.locator("h2", has_text="Health"))
     check("Harris index" in card.text_content() and "week" in card.text_content(), "indicators are shown over hour, shift, day and week")

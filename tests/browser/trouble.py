@@ -505,4 +505,44 @@ def store(walk):
     print("ok: a damaged audit log is told until it works again")
 
 
-trouble = [changes, live, lines, answers, away, other_unit, shelving, groups, colours, no_unit, list_again]
+def stem_unit(walk):
+    """A measured stem whose unit is not that of OP."""
+    page = walk.open(1440, 1000)
+    patch(page, re.compile(r"/api/v1/loops/%3Cimg[^/]*$"), lambda answer: [own.update(unit="mm") for own in answer["values"] if own["tag"] == "mv"])
+    page.goto(f"{walk.base}/#/loop/{quote('<img src=x onerror=alert(1)>', safe='')}")
+    expect(page.locator("#stem svg").get_by_text("stem [%], MV [mm]")).to_be_visible()
+    print("ok: an axis has the unit of each of what it shows")
+
+
+def left(walk):
+    """Charts of a page that is left, and opinions whose pictures are refused once."""
+    page = walk.open(1440, 1000)
+    page.add_init_script("""(() => {
+        let library;
+        window.charts = new Set();
+        const construct = (made, given) => {
+            const chart = new made(...given), destroy = chart.destroy;
+            window.charts.add(chart);
+            chart.destroy = () => (window.charts.delete(chart), destroy());
+            return chart;
+        };
+        Object.defineProperty(window, "uPlot", { configurable: true, get: () => library, set: (made) => (library = new Proxy(made, { construct })) });
+    })()""")
+    walk.go("loop/FIC102")
+    page.wait_for_function("() => charts.size === 4")
+    print("ok: a trend, a position and a residual are drawn")
+    opinion = page.locator("details[data-method=lee_2008]")
+    refuse_once(page, re.compile(r"/opinions/lee_2008$"))
+    opinion.locator("summary").click()
+    expect(opinion.locator(".pictures")).to_have_text(BUSY["detail"])
+    opinion.locator("summary").click()
+    opinion.locator("summary").click()
+    expect(opinion.locator("svg.plot").first).to_be_attached()
+    refused(walk, "pictures that were refused are asked for when the line is opened again")
+    page.locator("nav [data-view=plant]").click()
+    expect(page.locator(".tile")).to_have_count(6)
+    page.wait_for_function("() => charts.size === 0")
+    print("ok: a page that is left keeps no chart")
+
+
+trouble = [changes, live, lines, answers, away, other_unit, shelving, groups, colours, no_unit, list_again, stem_unit, left]

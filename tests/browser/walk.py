@@ -21,19 +21,20 @@ class Walk:
         self.browser, self.base, self.out, self.faults = browser, base, Path(out), []
         self.page = None
 
-    def open(self, width, height, scheme="light"):
+    def open(self, width, height, scheme="light", zone="UTC"):
         """A new context: a new reader with an empty storage."""
         self.close()
-        context = self.browser.new_context(viewport={"width": width, "height": height}, color_scheme=scheme, timezone_id="UTC")
+        context = self.browser.new_context(viewport={"width": width, "height": height}, color_scheme=scheme, timezone_id=zone)
         self.page = context.new_page()
-        self.page.on("console", lambda m: self.faults.append(f"console: {m.text}") if m.type in ("error", "warning") else None)
+        self.page.on("console", lambda m: self.faults.append(f"console: {m.text} {m.location.get('url', '')}") if m.type in ("error", "warning") else None)
         self.page.on("pageerror", lambda error: self.faults.append(f"error: {error}"))
         self.page.on("dialog", lambda dialog: (self.faults.append(f"a script ran: {dialog.message}"), dialog.dismiss()))
         return self.page
 
     def close(self):
-        """An answer that is still changed on its way comes to nobody."""
+        """A page that is gone asks for nothing more, and an answer that is still changed on its way comes to nobody."""
         if self.page:
+            self.page.goto("about:blank")
             self.page.unroute_all(behavior="ignoreErrors")
             self.page.context.close()
 

@@ -1,7 +1,8 @@
 //! What the writer asks for what is new: the rings, each from where it was left, and the changes as rows.
 
+use super::again::Again;
 use super::rows::rows;
-use super::waiting::drop_oldest;
+use super::waiting::{drop_oldest, keep_latest};
 use super::{Shared, Tap, lock};
 use crate::signal::Sample;
 use crate::store::{Batch, Feed, Found, Row, Series};
@@ -46,7 +47,8 @@ pub(super) struct StoreFeed {
     shared: Arc<Shared>,
     clock: Now,
     merge: Merge,
-    /// Rows that are not durable, oldest first, and about what memory they take.
+    again: Again,
+    /// Rows that are not durable, oldest first, and about what memory they take; at most how much those may that are no state.
     rows: VecDeque<Queued>,
     bytes: usize,
     max_bytes: usize,
@@ -78,7 +80,12 @@ enum Back {
 }
 
 impl StoreFeed {
-    pub(super) fn new(shared: Arc<Shared>, clock: Now, merge: Merge, max_bytes: usize) -> Self {
+    pub(super) fn new(
+        shared: Arc<Shared>,
+        clock: Now,
+        (merge, again): (Merge, Again),
+        max_bytes: usize,
+    ) -> Self {
         // Set back while nobody ran: what was kept is of later.
         let last = |tap: &Arc<Tap>| f64::from_bits(tap.last.load(Relaxed));
         let newest = lock(&shared.taps).iter().map(last).fold(f64::NEG_INFINITY, f64::max);
@@ -88,6 +95,7 @@ impl StoreFeed {
             fell: f64::NEG_INFINITY,
             clock,
             merge,
+            again,
             rows: VecDeque::new(),
             bytes: 0,
             max_bytes,
@@ -110,30 +118,36 @@ impl StoreFeed {
         self.shared.leaving.store(self.back != Back::No, Relaxed);
     }
 
-    /// Keeps what waits within its bound: the oldest reports go first, then the oldest rows. The latest states stay.
+    /// Keeps what waits within its bound, beside the latest state of each thing: the oldest reports go first, then the oldest rows.
+    /// States count to no bound: they may not go, and all else would go for them.
     fn bound(&mut self) {
-        let mut at = 0;
-        while self.bytes > self.max_bytes && at < self.rows.len() {
-            if let Row::Diagnosis(row) = &mut self.rows[at].row {
+        if self.bytes <= self.max_bytes {
+            return;
+        }
+        let (shared, bytes) = (&self.shared, &mut self.bytes);
+        keep_latest(&mut self.rows, |row| *bytes -= row.bytes());
+        let states = self.rows.iter().filter(|own| own.row.is_state());
+        let most = self.max_bytes.saturating_add(states.map(|own| own.row.bytes()).sum());
+        for own in &mut self.rows {
+            if *bytes <= most {
+                return;
+            }
+            if let Row::Diagnosis(row) = &mut own.row {
                 // What it worked on says nothing without what it said.
                 let whole = [row.report.take(), row.basis.take()];
-                let bytes: usize = whole.iter().flatten().map(Vec::len).sum();
-                self.bytes -= bytes;
-                self.shared.dropped_rows.fetch_add(u64::from(bytes > 0), Relaxed);
+                let taken: usize = whole.iter().flatten().map(Vec::len).sum();
+                *bytes -= taken;
+                shared.dropped_rows.fetch_add(u64::from(taken > 0), Relaxed);
             }
-            at += 1;
         }
-        if self.bytes > self.max_bytes {
-            let (shared, bytes, most) = (&self.shared, &mut self.bytes, self.max_bytes);
-            drop_oldest(&mut self.rows, |row| {
-                let is_over = *bytes > most;
-                if is_over {
-                    *bytes -= row.bytes();
-                    shared.dropped_rows.fetch_add(1, Relaxed);
-                }
-                is_over
-            });
-        }
+        drop_oldest(&mut self.rows, |row| {
+            let is_over = *bytes > most;
+            if is_over {
+                *bytes -= row.bytes();
+                shared.dropped_rows.fetch_add(1, Relaxed);
+            }
+            is_over
+        });
     }
 }
 
@@ -178,6 +192,24 @@ impl Feed for StoreFeed {
 
     fn merge(&mut self, found: Found) {
         (self.merge)(found);
+    }
+
+    fn say_again(&mut self) {
+        let ends = (self.again)();
+        self.gather();
+        let (mut steps, behind) = ends.steps(self.rows.iter().map(|own| &own.row), self.told);
+        for (place, own) in std::mem::take(&mut self.rows).into_iter().enumerate() {
+            if let Some(row) = steps.remove(&place) {
+                self.bytes += row.bytes();
+                self.rows.push_back(Queued { said: own.said, row });
+            }
+            self.rows.push_back(own);
+        }
+        for row in behind {
+            self.said += u64::from(matches!(row, Row::Transition(_)));
+            self.queue(row);
+        }
+        self.bound();
     }
 
     fn has_read(&self) -> bool {

@@ -9,6 +9,7 @@ use crate::results::{
 use crate::serve::dto::{BasisText, Report};
 use crate::signal::LoopId;
 use crate::store::{AlarmRow, DiagnosisRow, ModelRow, Reader, Row, StoreError, TransitionRow, pack, unpack};
+use crate::version::BUILD;
 
 /// A change as rows.
 pub(super) fn rows(change: Change) -> Vec<Row> {
@@ -44,7 +45,7 @@ pub(in crate::app) fn diagnosis_row(run: &Run, summary: &Summary) -> DiagnosisRo
         delta_aic: summary.delta_aic,
         version: match &run.outcome {
             Outcome::Elsewhere(told) => told.version.clone(),
-            _ => env!("CARGO_PKG_VERSION").to_string(),
+            _ => BUILD.to_string(),
         },
         report: Report::text(run).as_deref().and_then(pack),
         basis: run.basis.as_deref().and_then(BasisText::text).as_deref().and_then(pack),
@@ -160,9 +161,12 @@ pub(in crate::app) fn remembered_change(row: TransitionRow) -> Option<AlarmChang
 /// What was said of a loop; its model is a state, and read for itself.
 pub(super) fn remembered(reader: &Reader, id: &LoopId, room: usize) -> Result<Remembered, StoreError> {
     let rows = reader.last_diagnoses(id.as_str(), room)?;
-    // What a run worked on is read of the two where it matters only: of all it would be far more than is kept of them.
+    // What a run worked on is read of those where it matters only: of all it would be far more than is kept of them.
     let source = |row: &DiagnosisRow| -> Result<Option<u64>, StoreError> {
-        let text = reader.basis(id.as_str(), row.finished)?.as_deref().and_then(unpack);
+        let text = match &row.basis {
+            Some(basis) => unpack(basis),
+            None => reader.basis(id.as_str(), row.finished)?.as_deref().and_then(unpack),
+        };
         Ok(text.and_then(|text| BasisText::read(&text)).and_then(|basis| basis.source))
     };
     let mut diagnosed = rows.iter().rev().find_map(|row| {
@@ -173,15 +177,15 @@ pub(super) fn remembered(reader: &Reader, id: &LoopId, room: usize) -> Result<Re
             took_s: row.took_s,
             quality: report.quality().to_string(),
             doubtful: report.doubtful,
-            // Another version may find something else in the same samples.
-            structure: report.structure().filter(|_| row.version == env!("CARGO_PKG_VERSION")),
+            // Another build may find something else in the same samples.
+            structure: report.structure().filter(|_| row.version == BUILD),
             source: None,
             report: text.into(),
         };
-        Some((restored, summary(row)))
+        Some((restored, summary(row), report.window.end))
     });
     let mut known = None;
-    if let Some((restored, told)) = &mut diagnosed {
+    if let Some((restored, told, _)) = &mut diagnosed {
         let row = rows.iter().find(|row| row.finished.to_bits() == told.time.to_bits());
         known = row.map(&source).transpose()?.flatten();
         restored.source = known;
@@ -189,12 +193,28 @@ pub(super) fn remembered(reader: &Reader, id: &LoopId, room: usize) -> Result<Re
     let mut runs = rows.iter().rev().map(|row| (row, summary(row)));
     // What it says of a compensated valve is in the report of the latest only, and in the reason of all.
     let stuck = runs.find(|(row, own)| own.outcome == "stiction" && !is_compensated(row));
+    let is_of_valve = |row: &DiagnosisRow| -> Result<bool, StoreError> {
+        Ok(source(row)?.zip(known).is_none_or(|(own, known)| own == known))
+    };
     let before = match stuck {
-        Some((row, own)) if source(row)?.zip(known).is_none_or(|(own, known)| own == known) => own.before(),
+        Some((row, own)) if is_of_valve(row)? => own.before(),
+        _ => None,
+    };
+    let said = rows.iter().rev().find(|row| row.is_verdict());
+    let fitted_until = match (said, &diagnosed) {
+        (Some(row), Some((_, told, end))) if row.finished.to_bits() == told.time.to_bits() => *end,
+        // Runs that said nothing of the valve came since.
+        (Some(row), _) if is_of_valve(row)? => fitted_until(row),
         _ => None,
     };
     let summaries = rows.iter().map(summary).collect();
-    Ok(Remembered { summaries, diagnosed, before, ..Remembered::default() })
+    let diagnosed = diagnosed.map(|(restored, told, _)| (restored, told));
+    Ok(Remembered { summaries, diagnosed, before, fitted_until, ..Remembered::default() })
+}
+
+/// Time of the last sample that a whole run fitted (s).
+fn fitted_until(row: &DiagnosisRow) -> Option<f64> {
+    Report::read(&unpack(row.report.as_ref()?)?)?.window.end
 }
 
 /// A run in a few numbers.

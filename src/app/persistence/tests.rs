@@ -2,11 +2,13 @@ use super::super::plantwide::{Plantwide, rows as kept};
 use super::*;
 use crate::alarm::{self, Action, AlarmId};
 use crate::config::parse;
+use crate::diagnosis::{Diagnosis, Verdict};
 use crate::indicators::series::COUNT;
 use crate::results::Said;
 use crate::serve::PlantwidePort;
+use crate::serve::dto::Report;
 use crate::signal::Sample;
-use crate::store::Batch;
+use crate::store::{Batch, DiagnosisRow, pack};
 use crate::work::{CostConfig, Measure, Order, State};
 use std::path::PathBuf;
 use std::sync::mpsc::channel;
@@ -176,18 +178,8 @@ fn few_rings_wait_for_a_store_that_fails_and_none_for_one_that_is_damaged() {
     }
 }
 
-/// The work list and the indicators: of a start that could not open the store, and of a loop that is taken out and put back.
-#[test]
-fn orders_and_indicators_are_back_as_soon_as_they_can_be_read() {
-    let folder = Folder::new("orders");
-    let mut config = folder.config();
-    for own in &mut config.loops {
-        own.cost = Some(CostConfig { per_sd: 2.0, unit: "EUR/day".into() });
-    }
-    // How a loop was is kept every 25 minutes.
-    config.plantwide.period_s = 60.0;
-    let own = config.store.clone().expect("there");
-    let order = |control_loop: &str| Order {
+fn order(control_loop: &str) -> Order {
+    Order {
         id: LoopId::new(control_loop),
         state: State::Ordered,
         since: 2000.0,
@@ -201,7 +193,20 @@ fn orders_and_indicators_are_back_as_soon_as_they_can_be_read() {
         by: Some("ann".into()),
         note: Some("fitter called".into()),
         reopened: 0,
-    };
+    }
+}
+
+/// The work list and the indicators: of a start that could not open the store, and of a loop that is taken out and put back.
+#[test]
+fn orders_and_indicators_are_back_as_soon_as_they_can_be_read() {
+    let folder = Folder::new("orders");
+    let mut config = folder.config();
+    for own in &mut config.loops {
+        own.cost = Some(CostConfig { per_sd: 2.0, unit: "EUR/day".into() });
+    }
+    // How a loop was is kept every 25 minutes.
+    config.plantwide.period_s = 60.0;
+    let own = config.store.clone().expect("there");
     let days = vec![(86_400.0, [Some(81.5); COUNT]), (172_800.0, [None; COUNT])];
     // A quarter of an hour ago; without the swing half of the error would be left.
     let part = kept::Part { until: 299_100.0, values: [Some(81.5); COUNT], counts: [11; COUNT] };
@@ -251,6 +256,40 @@ fn orders_and_indicators_are_back_as_soon_as_they_can_be_read() {
     assert_eq!(cost(), Some((3.0, "EUR/day".to_string())));
 }
 
+/// As of a disk that is replaced while the daemon runs: all of it is in memory, and nobody says it again until it changes.
+#[test]
+fn a_store_that_is_gone_is_made_anew_with_all_that_is_a_state() {
+    let folder = Folder::new("gone");
+    let config = folder.config();
+    let (own, id) = (config.store.clone().expect("there"), LoopId::new("A"));
+    let mut rows = kept::order_rows(&order("A"), None);
+    rows.push(kept::health_row(&id, &[(86_400.0, [Some(81.5); COUNT])]));
+    let part = kept::Part { until: 299_100.0, values: [Some(81.5); COUNT], counts: [11; COUNT] };
+    rows.push(kept::today_row(&id, &part, &Measure::default()));
+    let (control_loop, kind) = ("A".to_string(), "stiction".to_string());
+    let alarm = AlarmRow { control_loop, kind, active: true, out_of_service: true, ..AlarmRow::default() };
+    let model = ModelRow { control_loop: "A".into(), version: 3, since: 1000.0, ..ModelRow::default() };
+    rows.extend([store::Row::Alarm(alarm), store::Row::Model(model)]);
+    let batch = Batch { series: Vec::new(), rows };
+    Store::open(&own).and_then(|mut store| store.write(&batch)).expect("writes");
+    let states = || Reader::open(&own.folder).and_then(|reader| reader.states()).expect("can be read");
+    let before = states();
+    assert_eq!((before.alarms.len(), before.models.len()), (4, 1));
+
+    let driven = store::Driven { by_hand: true, ..store::Driven::default() };
+    let wired = config.plant().expect("sound");
+    let history = Arc::new(History::new(&wired.loops, &config.history));
+    let (results, clock) = (Arc::new(Results::new(&[id], 1, &config.alarm)), Clock::by_hand(3e5));
+    let persistence = Persistence::new(&config, clock, driven, (&history, &results));
+    let _plantwide = Plantwide::new(&config, clock, &history, &results, &persistence);
+    persistence.begin(results.clone());
+    assert!(persistence.make_durable());
+    std::fs::remove_dir_all(&own.folder).expect("there");
+    assert!(!persistence.make_durable(), "it is noticed");
+    assert!(persistence.make_durable(), "another is begun");
+    assert_eq!(states(), before);
+}
+
 /// A disk that is full keeps nobody from reading it.
 #[test]
 fn a_store_that_cannot_be_opened_is_read_and_not_merged_into_itself() {
@@ -290,4 +329,130 @@ fn a_store_that_cannot_be_opened_is_read_and_not_merged_into_itself() {
     let kept =
         Reader::open(&own.folder).and_then(|reader| reader.alarm("A", "stiction")).expect("can be read");
     assert!(kept.is_some_and(|row| row.active && !row.out_of_service));
+}
+
+/// As where an older copy is put back while the daemon runs, or a disk comes back on which another was begun meanwhile.
+#[test]
+fn in_an_older_copy_of_the_store_histories_go_on_from_where_it_was_left() {
+    let folder = Folder::new("copy");
+    let mut config = folder.config();
+    config.alarm.f_rising.enabled = true;
+    let own = config.store.clone().expect("there");
+    let step = |kind: &str, at: f64, [before, after]: [&str; 2], cause: &str| {
+        let [control_loop, kind] = ["A", kind].map(String::from);
+        let [before, after, cause] = [before, after, cause].map(String::from);
+        let row = store::TransitionRow { control_loop, kind, at, before, after, cause, ..Default::default() };
+        store::Row::Transition(row)
+    };
+    let alarm = |kind: &str, active: bool, out_of_service: bool| {
+        let [control_loop, kind] = ["A", kind].map(String::from);
+        let acknowledged = !active;
+        let row =
+            AlarmRow { control_loop, kind, active, acknowledged, out_of_service, ..AlarmRow::default() };
+        store::Row::Alarm(row)
+    };
+    let raised = ["normal", "unacknowledged"];
+    let mut store = Store::open(&own).expect("opens");
+    let mut put = |rows| store.write(&Batch { series: Vec::new(), rows }).expect("writes");
+    put(vec![step("stiction", 1.0, raised, "raised"), alarm("stiction", true, false)]);
+    put(vec![step("f_rising", 1.0, raised, "raised"), alarm("f_rising", true, false)]);
+    let aside = folder.0.join("copy");
+    std::fs::create_dir(&aside).expect("writable");
+    for file in std::fs::read_dir(&own.folder).expect("there").map(|file| file.expect("read")) {
+        std::fs::copy(file.path(), aside.join(file.file_name())).expect("copied");
+    }
+    put(vec![
+        step("stiction", 2.0, ["unacknowledged", "out-of-service"], "out_of_service"),
+        alarm("stiction", true, true),
+        step("f_rising", 2.0, ["unacknowledged", "normal"], "forgotten"),
+        alarm("f_rising", false, false),
+    ]);
+    drop(store);
+
+    let driven = store::Driven { by_hand: true, ..store::Driven::default() };
+    let wired = config.plant().expect("sound");
+    let history = History::new(&wired.loops, &config.history);
+    let results = Arc::new(Results::new(&[LoopId::new("A")], 1, &config.alarm));
+    let persistence = Persistence::new(&config, Clock::by_hand(3e5), driven, (&history, &results));
+    persistence.begin(results.clone());
+    assert!(persistence.make_durable());
+    std::fs::rename(&own.folder, folder.0.join("gone")).expect("writable");
+    std::fs::rename(&aside, &own.folder).expect("writable");
+    assert!(!persistence.make_durable(), "it is noticed");
+    let id = AlarmId::named("A/stiction");
+    assert!(results.act(&id, Action::GiveBack, Said::default(), 3e5).expect("there").is_ok());
+    assert!(persistence.make_durable(), "it goes on in the copy");
+    assert_eq!(store::check(&own.folder).expect("can be read").faults, [""; 0]);
+    let reader = Reader::open(&own.folder).expect("can be read");
+    let told = |kind: &str| -> Vec<String> {
+        let rows = reader.transitions(0, 99).expect("reads").into_iter().map(|(_, row)| row);
+        rows.filter(|row| row.kind == kind).map(|row| format!("{} {}", row.cause, row.after)).collect()
+    };
+    let expected = ["raised unacknowledged", "forgotten out-of-service", "in_service unacknowledged"];
+    assert_eq!(told("stiction"), expected);
+    assert_eq!(told("f_rising"), ["raised unacknowledged", "forgotten normal"]);
+    assert!(reader.alarm("A", "f_rising").expect("reads").is_some_and(|row| !row.active));
+}
+
+/// As where `url` was added beside a folder that is in use: nothing is written, and nobody is told that there are no alarms.
+#[test]
+fn of_a_folder_that_is_refused_as_a_spool_states_are_back_and_go_to_the_one_in_its_place() {
+    let folder = Folder::new("refused");
+    let mut config = folder.config();
+    let upkeep = store::Upkeep { pace: None, ..store::Upkeep::default() };
+    let own = store::Config { samples_days: 1.0, upkeep, ..config.store.clone().expect("there") };
+    let [control_loop, kind] = ["A", "stiction"].map(String::from);
+    let alarm = AlarmRow { control_loop, kind, active: true, out_of_service: true, ..AlarmRow::default() };
+    let [control_loop, tag, source, unit] = ["A", "op", "", ""].map(String::from);
+    let tag = Arc::new(TagName { control_loop, tag, source, unit });
+    let series = vec![store::Series { tag, samples: vec![Sample::good(1000.0, 1.0)] }];
+    let mut store = Store::open(&own).expect("opens");
+    store.write(&Batch { series, rows: vec![store::Row::Alarm(alarm)] }).expect("writes");
+    // To a trend.
+    while store.tidy(3e5).expect("tidies") {}
+    drop(store);
+
+    let url = Some("postgres://nobody@127.0.0.1:1/none".to_string());
+    config.store = Some(store::Config { url, ..own.clone() });
+    let wired = config.plant().expect("sound");
+    let history = History::new(&wired.loops, &config.history);
+    let results = Arc::new(Results::new(&[LoopId::new("A")], 1, &config.alarm));
+    let driven = store::Driven { by_hand: true, ..store::Driven::default() };
+    let persistence = Persistence::new(&config, Clock::by_hand(3e5), driven, (&history, &results));
+    let state = results.alarm(&AlarmId::named("A/stiction"), 3e5).expect("there").state;
+    assert_eq!(state, alarm::State::OutOfService, "it is back");
+    persistence.begin(results.clone());
+    let why = persistence.ask().and_then(|ask| ask().failing).expect("nothing is written").0;
+    assert!(why.contains("a store of its own"), "{why}");
+    assert!(!persistence.make_durable());
+    std::fs::rename(&own.folder, folder.0.join("aside")).expect("writable");
+    assert!(persistence.make_durable(), "an empty folder is a spool");
+    let kept = Reader::open(&own.folder).and_then(|reader| reader.alarm("A", "stiction"));
+    assert!(kept.expect("can be read").is_some_and(|row| row.active && row.out_of_service));
+}
+
+#[test]
+fn up_to_where_the_last_verdict_was_fitted_is_known_though_runs_that_say_nothing_came_since() {
+    let folder = Folder::new("fitted");
+    let own = folder.config().store.expect("there");
+    let mut store = Store::open(&own).expect("opens");
+    let mut ends = |finished: f64, outcome: &str, end: f64| {
+        let mut report = Report::from(("A", &Diagnosis::bare(Verdict::NoStiction, "made for a test")));
+        report.window.end = Some(end);
+        let run = DiagnosisRow {
+            control_loop: "A".into(),
+            finished,
+            outcome: outcome.into(),
+            report: report.as_text().as_deref().and_then(pack),
+            ..DiagnosisRow::default()
+        };
+        let rows = vec![store::Row::Diagnosis(run)];
+        store.write(&Batch { series: Vec::new(), rows }).expect("writes");
+        let reader = Reader::open(&own.folder).expect("can be read");
+        remembered(&reader, &LoopId::new("A"), 9).expect("can be read").fitted_until
+    };
+    assert_eq!(ends(1.0, "not_identifiable", 0.5), None);
+    assert_eq!(ends(2.0, "stiction", 1.5), Some(1.5));
+    assert_eq!(ends(3.0, "not_identifiable", 2.5), Some(1.5));
+    assert_eq!(ends(4.0, "no_stiction", 0.1), Some(0.1));
 }

@@ -49,21 +49,53 @@ fn state_of(row: &Row) -> Option<(&str, &str)> {
     }
 }
 
-/// Drops rows for as long as `is_over` says so of the oldest that may go: all but the latest state of each thing.
-pub(super) fn drop_oldest<T: Borrow<Row>>(rows: &mut VecDeque<T>, mut is_over: impl FnMut(&Row) -> bool) {
+/// Drops each state that a later one of the same thing has taken the place of: nobody misses it. `gone` hears of each.
+pub(super) fn keep_latest<T: Borrow<Row>>(rows: &mut VecDeque<T>, mut gone: impl FnMut(&Row)) {
     let mut known = HashSet::new();
     // From the newest on, so that the first of each is the latest.
     let newest_first = rows.iter().rev().map(Borrow::<Row>::borrow);
     let stay: Vec<bool> =
-        newest_first.map(|row| state_of(row).is_some_and(|state| known.insert(state))).collect();
+        newest_first.map(|row| state_of(row).is_none_or(|state| known.insert(state))).collect();
     let mut stay = stay.into_iter().rev();
-    rows.retain(|row| stay.next() == Some(true) || !is_over(row.borrow()));
+    rows.retain(|row| {
+        let stays = stay.next() == Some(true);
+        if !stays {
+            gone(row.borrow());
+        }
+        stays
+    });
+}
+
+/// Drops rows of what happened for as long as `is_over` says so of the oldest that is left. States stay.
+pub(super) fn drop_oldest<T: Borrow<Row>>(rows: &mut VecDeque<T>, mut is_over: impl FnMut(&Row) -> bool) {
+    rows.retain(|own| {
+        let row: &Row = own.borrow();
+        row.is_state() || !is_over(row)
+    });
+}
+
+/// Keeps at most so many rows of what happened, beside the latest state of each thing; how many were dropped for it. States count
+/// to no bound: they may not go, and there are no more of them than there are things.
+pub(super) fn bound(rows: &mut VecDeque<Row>, most: usize) -> u64 {
+    if rows.len() <= most {
+        return 0;
+    }
+    keep_latest(rows, |_| {});
+    let dropped = rows.iter().filter(|row| !row.is_state()).count().saturating_sub(most);
+    let mut left = dropped;
+    drop_oldest(rows, |_| {
+        let is_over = left > 0;
+        left = left.saturating_sub(1);
+        is_over
+    });
+    dropped as u64
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::alarm::{Flags, Kind, Saved};
+    use crate::store::{AlarmRow, TransitionRow};
 
     fn kept(subject: &str, acknowledged: bool) -> KeptAlarm {
         let flags = Flags { active: true, acknowledged, ..Flags::default() };
@@ -76,6 +108,25 @@ mod tests {
             comment: None,
             detail: String::new(),
         }
+    }
+
+    /// As at the end of a day, when the days of every loop are kept at once.
+    #[test]
+    fn states_drop_nothing_of_what_happened() {
+        let state = |own: usize, acknowledged| {
+            Row::Alarm(AlarmRow { control_loop: own.to_string(), acknowledged, ..AlarmRow::default() })
+        };
+        let moved =
+            |at: u32| Row::Transition(TransitionRow { at: f64::from(at), ..TransitionRow::default() });
+        let mut rows: VecDeque<Row> = [moved(0), moved(1), state(0, false)].into();
+        rows.extend((0..9).map(|own| state(own, true)));
+        assert_eq!(bound(&mut rows, 2), 0);
+        let latest = (0..9).map(|own| state(own, true));
+        assert_eq!(rows, [moved(0), moved(1)].into_iter().chain(latest).collect::<VecDeque<Row>>());
+        rows.push_back(moved(2));
+        assert_eq!(bound(&mut rows, 2), 1);
+        let (first, last) = (rows.front(), rows.back());
+        assert_eq!((rows.len(), first, last), (11, Some(&moved(1)), Some(&moved(2))));
     }
 
     #[test]

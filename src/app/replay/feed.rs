@@ -92,13 +92,18 @@ impl Listed {
         Self(all)
     }
 
-    /// The samples of an export that belong to `loops`, and the stamps of the first and the last.
-    pub(super) fn read(file: &Path, loops: &[LoopTags]) -> Result<(Self, Option<(f64, f64)>), ReplayError> {
+    /// The samples of an export that belong to `loops`, and the stamps of the first and the last; `told` is what its table does
+    /// not say itself.
+    pub(super) fn read(
+        file: &Path,
+        told: &Options,
+        loops: &[LoopTags],
+    ) -> Result<(Self, Option<(f64, f64)>), ReplayError> {
         let bad = |what: &str| ReplayError::Input(format!("{}: {what}", file.display()));
         let numbers = numbers(loops);
         let mut all = Vec::new();
         let mut too_many = false;
-        table::stream(Source::File(file), &Options::default(), &mut |tag, sample| {
+        table::stream(Source::File(file), told, &mut |tag, sample| {
             let name = (tag.owner.clone(), tag.name.clone());
             let Some(&at) = numbers.get(&name) else { return Ok(()) };
             too_many = all.len() == MOST_SAMPLES;

@@ -149,6 +149,11 @@ async fn act(State(context): Shared, id: AlarmId, action: Action, said: Said) ->
             Err(refusal @ Refusal::BadDuration { .. }) => {
                 Err(Problem::field("duration_s", format!("duration_s: {refusal}")))
             }
+            Err(Refusal::NotLeading) => {
+                let standby = context.fleet.as_ref().and_then(|port| port.standby());
+                let leader = standby.and_then(|own| own.leader);
+                Err(Problem::not_leading("alarm_state", leader.as_deref()))
+            }
             Err(refusal) => Err(Problem::new(StatusCode::CONFLICT, "alarm_state", refusal.to_string())),
         }
     })

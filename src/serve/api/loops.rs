@@ -1,5 +1,6 @@
 //! Loops, their diagnoses, samples and models.
 
+use super::super::dto::cause::LoopCause;
 use super::super::dto::loops::{
     Begun, LoopDetail, LoopDiagnosis, LoopItem, LoopList, LoopModel, Quantity, RunItem, RunList, severity,
 };
@@ -54,11 +55,21 @@ fn page_of_loops(context: &Context, query: &LoopsQuery) -> Result<LoopList, Prob
             && query.alarm.is_none_or(|wanted| wanted == seen.alarm.into())
     };
     let seen = infos.into_iter().zip(seen).filter_map(|(info, seen)| Some((info, seen.filter(&passes)?)));
+    // Of names the first comes first, of scores the worst.
+    let usual = match query.sort {
+        Sort::Id | Sort::Group | Sort::Score => Order::Asc,
+        _ => Order::Desc,
+    };
+    let ascending = query.order.unwrap_or(usual) == Order::Asc;
+    let last = if ascending { f64::INFINITY } else { f64::NEG_INFINITY };
+    let standing = |id: &LoopId| {
+        let own = context.standing(id);
+        let known = if query.sort == Sort::Score { own.score } else { own.cost.map(|(cost, _)| cost) };
+        known.unwrap_or(last)
+    };
     let mut places: Vec<(Key<'_>, &LoopInfo)> =
-        seen.map(|(info, seen)| (Key::new(query.sort, info, &seen), info)).collect();
+        seen.map(|(info, seen)| (Key::new(query.sort, info, &seen, standing), info)).collect();
     let total = places.len();
-    let textual = matches!(query.sort, Sort::Id | Sort::Group);
-    let ascending = query.order.unwrap_or(if textual { Order::Asc } else { Order::Desc }) == Order::Asc;
     // By key in the order asked for, equal keys always by id: a total order, on which a cursor is a cut.
     let compare = |(a, an): (&Key<'_>, &str), (b, bn): (&Key<'_>, &str)| {
         let by_key = a.cmp(b);
@@ -79,7 +90,7 @@ fn page_of_loops(context: &Context, query: &LoopsQuery) -> Result<LoopList, Prob
     places.sort_unstable_by(by);
     let next = places.last().filter(|_| more).map(|(key, info)| encode_cursor(key, info.id.as_str()));
     let item = |(_, info): (Key<'_>, &LoopInfo)| {
-        Some(LoopItem::new(info, &context.results.get(&info.id, now)?, now))
+        Some(LoopItem::new(info, &context.results.get(&info.id, now)?, context.standing(&info.id), now))
     };
     let items = places.into_iter().filter_map(item).collect();
     Ok(LoopList { time: rfc3339(now), total, items, next })
@@ -104,7 +115,8 @@ impl<'a> Key<'a> {
         Key { text: Cow::Borrowed(&self.text), ..*self }
     }
 
-    fn new(sort: Sort, info: &'a LoopInfo, seen: &Glance) -> Self {
+    /// `standing` tells the number of a loop by which those are sorted that the latest look at the plant has one of.
+    fn new(sort: Sort, info: &'a LoopInfo, seen: &Glance, standing: impl Fn(&LoopId) -> f64) -> Self {
         let of = |severity, value: Option<f64>, text| Self {
             severity,
             number: ordered(value.unwrap_or(f64::NEG_INFINITY)),
@@ -118,6 +130,7 @@ impl<'a> Key<'a> {
             Sort::DeltaAic => of(0, seen.delta_aic, ""),
             // By time of diagnosis, which unlike the age does not change between two pages.
             Sort::Age => of(0, seen.time.map(|t| -t), ""),
+            Sort::Score | Sort::Cost => of(0, Some(standing(&info.id)), ""),
         }
     }
 }
@@ -181,11 +194,13 @@ pub async fn detail(
     let tags = plant.history.loops().iter().find(|tags| tags.id == id);
     let op_span = tags.and_then(|tags| tags.op_span).and_then(finite);
     let configured = plant.facts.f_threshold_percent.filter(|_| op_span.is_some());
+    let looked = context.plantwide.as_ref().and_then(|port| port.overview());
     Ok(Json(LoopDetail {
-        item: LoopItem::new(info, &known, now),
+        item: LoopItem::new(info, &known, context.standing(&id), now),
         op_span,
         op_limits: tags.and_then(|tags| tags.op_limits).and_then(|(a, b)| Some([finite(a)?, finite(b)?])),
         f_threshold: LoopDetail::f_threshold(&known, configured),
+        cause: looked.and_then(|found| LoopCause::of(&found, &id)),
         values: values(&context, &plant, &id),
         writeback: context
             .writeback

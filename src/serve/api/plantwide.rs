@@ -6,7 +6,7 @@ use super::super::dto::plantwide::{
 };
 use super::super::extract::{Body, Named, OfLoop, Params, short};
 use super::super::guard::Actor;
-use super::super::ports::{PlantwidePort, WorkLine};
+use super::super::ports::{FleetPort, PlantwidePort, WorkLine};
 use super::super::problem::Problem;
 use super::super::report;
 use super::super::{AskDurable, Context};
@@ -150,6 +150,7 @@ async fn act(
     actor: &Actor,
     body: WorkBody,
 ) -> Result<Response, Problem> {
+    may_act(context.fleet.as_deref())?;
     let (by, note) = (actor.signed(short("by", body.by, 100)?), short("note", body.note, 1000)?);
     let port = port(&context)?;
     off_thread(move || {
@@ -161,6 +162,15 @@ async fn act(
         Ok(acted(&line, context.durable.as_ref()))
     })
     .await
+}
+
+/// Nobody acts at a centre while another leads, as on alarms. Where no other is known, as while the server is away, the list is
+/// worked on: it is in this centre's own store.
+fn may_act(fleet: Option<&dyn FleetPort>) -> Result<(), Problem> {
+    match fleet.and_then(|port| port.standby()).and_then(|own| own.leader) {
+        Some(leader) => Err(Problem::not_leading("work_state", Some(&leader))),
+        None => Ok(()),
+    }
 }
 
 /// The order as it is now, once that is durable or cannot be.
@@ -189,7 +199,38 @@ pub async fn indicators(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::serve::{FleetSeen, Standby};
     use crate::work::Order;
+
+    /// A machine of a fleet, and which centre leads in its place.
+    struct Fleet(Option<Standby>);
+
+    impl FleetPort for Fleet {
+        fn seen(&self) -> FleetSeen {
+            FleetSeen::default()
+        }
+
+        fn standby(&self) -> Option<Standby> {
+            self.0.clone()
+        }
+    }
+
+    #[tokio::test]
+    async fn nobody_acts_on_the_list_of_a_centre_while_another_leads_which_is_named() {
+        assert!(may_act(None).is_ok() && may_act(Some(&Fleet(None))).is_ok());
+        assert!(may_act(Some(&Fleet(Some(Standby { leader: None })))).is_ok(), "no other is known");
+        let fleet = Fleet(Some(Standby { leader: Some("c1".to_string()) }));
+        let refused = may_act(Some(&fleet)).expect_err("another leads");
+        assert_eq!(refused.status(), StatusCode::CONFLICT);
+        let body = refused.into_response().into_body();
+        let body = axum::body::to_bytes(body, 10_000).await.expect("it is short");
+        let body: serde_json::Value = serde_json::from_slice(&body).expect("JSON");
+        assert!(
+            body["detail"].as_str().is_some_and(|own| own.starts_with("another centre, c1, acts")),
+            "{body}"
+        );
+        assert_eq!(body["leader"], "c1");
+    }
 
     #[test]
     fn an_act_is_not_said_to_outlive_a_restart_that_it_would_not() {

@@ -1,6 +1,5 @@
 //! Reports for printing: HTML, each in one file.
 
-use super::super::Context;
 use super::super::dto::alarms::AlarmChangeItem;
 use super::super::dto::evidence::LoopEvidence;
 use super::super::dto::loops::{LoopDiagnosis, LoopItem, RunItem};
@@ -11,6 +10,7 @@ use super::super::extract::{OfLoop, Params};
 use super::super::layers::blocking;
 use super::super::problem::Problem;
 use super::super::report;
+use super::super::{Context, LoopInfo};
 use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
@@ -32,7 +32,8 @@ pub async fn of_loop(
         let unknown = || Problem::unknown_loop(id.as_str());
         let known = context.results.get(&id, now).ok_or_else(unknown)?;
         let plant = context.plant();
-        let item = LoopItem::new(plant.info(&id).ok_or_else(unknown)?, &known, now);
+        let info = plant.info(&id).ok_or_else(unknown)?;
+        let item = LoopItem::new(info, &known, context.standing(&id), now);
         let runs: Vec<RunItem> =
             context.results.summaries(&id).unwrap_or_default().iter().map(RunItem::from).collect();
         let log = context.results.alarm_log();
@@ -62,7 +63,9 @@ pub async fn of_plant(
     page(move || {
         let now = context.clock.now();
         let plant = context.plant();
-        let item = |info| Some(LoopItem::new(info, &context.results.get(&info.id, now)?, now));
+        let item = |info: &LoopInfo| {
+            Some(LoopItem::new(info, &context.results.get(&info.id, now)?, context.standing(&info.id), now))
+        };
         let mut items: Vec<LoopItem> = plant.loops().iter().filter_map(item).collect();
         items.sort_by(|a, b| {
             let f = |item: &LoopItem| item.f.unwrap_or(-1.0);

@@ -48,7 +48,10 @@ pub async fn begin(
     let access = context.access.clone().ok_or_else(no_log_in)?;
     let now = context.clock.elapsed().as_secs_f64();
     access.attempt(&user, actor.from, now).map_err(|wait| {
-        tracing::warn!(from = %actor.from, wait_s = wait, "log-in throttled");
+        // Of all together: a stranger who asks without end must not fill the disk by that.
+        if let Some(left_out) = context.throttled.take("", now) {
+            tracing::warn!(from = %actor.from, wait_s = wait, left_out, "log-in throttled");
+        }
         let detail = format!("too many trials: wait {:.0} s", wait.ceil());
         Problem::new(StatusCode::TOO_MANY_REQUESTS, "throttled", detail).with("retry_after_s", wait.ceil())
     })?;

@@ -9,6 +9,7 @@ use super::super::problem::Problem;
 use super::super::{Context, DeviceState};
 use super::{Page, off_thread};
 use crate::alarm::Kind;
+use crate::version::BUILD;
 use axum::Json;
 use axum::extract::State;
 use axum::response::Response;
@@ -43,6 +44,7 @@ pub async fn system(
         let plant = context.plant();
         Ok(System {
             version: env!("CARGO_PKG_VERSION"),
+            build: BUILD,
             writeback_built_in: cfg!(feature = "writeback"),
             time: rfc3339(context.clock.now()),
             started: rfc3339(context.started),

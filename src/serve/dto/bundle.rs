@@ -5,6 +5,7 @@ use crate::results::{Basis, Run, Trigger, basis};
 use crate::schedule;
 use crate::serve::LoopInfo;
 use crate::signal::{Quality, Record, Sample};
+use crate::version::BUILD;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -19,7 +20,7 @@ pub const MOST_SAMPLES: usize = 1_000_000;
 pub struct Bundle {
     /// `stictiond bundle 1`.
     pub format: String,
-    /// Version of the daemon that made the report.
+    /// Version of the daemon that made the report, and behind a `+` the identity of its build.
     pub version: String,
     /// The loop.
     pub r#loop: BundleLoop,
@@ -70,7 +71,7 @@ impl Bundle {
     pub fn of(info: &LoopInfo, run: &Run, basis: &Basis, record: &Record) -> Option<Self> {
         Some(Self {
             format: FORMAT.to_string(),
-            version: env!("CARGO_PKG_VERSION").to_string(),
+            version: BUILD.to_string(),
             r#loop: BundleLoop {
                 id: info.id.to_string(),
                 description: info.description.clone(),

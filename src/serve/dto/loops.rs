@@ -1,12 +1,13 @@
 //! Loops and their diagnoses as JSON.
 
+use super::cause::LoopCause;
 use super::params::{AlarmKind, AlarmState};
 use super::report::{Report, ReportModel, ReportResidual};
 use super::writeback::WritebackView;
 use super::{age, finite, rfc3339};
 use crate::history::TagSpec;
 use crate::results::{AlarmView, Known, Origin, Run, Summary, Trigger, f_unit};
-use crate::serve::LoopInfo;
+use crate::serve::{LoopInfo, Standing};
 use crate::signal::{Quality, Sample};
 use serde::Serialize;
 use utoipa::ToSchema;
@@ -136,6 +137,13 @@ pub struct LoopItem {
     pub other_alarms: Vec<OtherAlarm>,
     /// The loop that this one may calm down with, by an order of the work list that stands and the latest look at the plant.
     pub swings_with: Option<String>,
+    /// 100 for a loop that does its work, 0 for one that does none of it, by the latest look at the plant; null where that is not
+    /// known.
+    pub score: Option<f64>,
+    /// What its swing costs by the latest look at the plant (`cost_unit`); null where there is no price, or the loop was passed over.
+    pub cost: Option<f64>,
+    /// The unit of `cost`, as `[loop.cost]` has it.
+    pub cost_unit: Option<String>,
     /// What needs looking at: 5 unacknowledged, 4 acknowledged, 3 stiction without alarm yet, 2 returned unacknowledged
     /// or latched, 1 cannot be told, 0 nothing; an alarm that is silent counts as 1.
     pub severity: u8,
@@ -157,8 +165,9 @@ impl From<&AlarmView> for OtherAlarm {
 }
 
 impl LoopItem {
-    /// A loop as it is known at `now` (s).
-    pub fn new(info: &LoopInfo, known: &Known, now: f64) -> Self {
+    /// A loop as it is known at `now` (s), and how it stands among others.
+    pub fn new(info: &LoopInfo, known: &Known, standing: Standing, now: f64) -> Self {
+        let (cost, cost_unit) = standing.cost.unzip();
         let summary = known.summary.as_ref();
         let item = summary.map(RunItem::from);
         let verdict = summary.map(|s| s.outcome.as_ref());
@@ -190,6 +199,9 @@ impl LoopItem {
             alarm: known.alarm.state.into(),
             swings_with: known.swings_with.as_ref().map(|id| id.to_string()),
             other_alarms: known.others.iter().map(OtherAlarm::from).collect(),
+            score: standing.score.and_then(finite),
+            cost: cost.and_then(finite),
+            cost_unit,
             severity: severity(known.alarm.state.into(), verdict),
         }
     }
@@ -239,6 +251,9 @@ pub struct LoopDetail {
     /// Least f that counts as stiction (`f_unit`): what the latest diagnosis went by, else what is configured, where OP's span
     /// is known; null otherwise.
     pub f_threshold: Option<f64>,
+    /// Why it was not at rest, by the latest look at the plant; null where it was at rest or could not be judged, and before the first
+    /// look since the start.
+    pub cause: Option<LoopCause>,
     /// The newest sample of each tag.
     pub values: Vec<Quantity>,
     /// Write-back; null where it is not enabled, or not built in.

@@ -77,9 +77,11 @@ impl LoopOpinion {
             |report: &Report| report.opinions.iter().find(|own| own.method == method.as_str()).cloned();
         if let Some(run) = &known.diagnosed {
             let report = Report::of(run)?;
-            let window = run.judged()?.diagnosis.shown_window().filter(|window| !window.is_empty());
+            let diagnosis = &run.judged()?.diagnosis;
+            let window = diagnosis.shown_window().filter(|window| !window.is_empty());
             let integrates = run.basis.as_ref().and_then(|basis| basis.integrates);
             let facts = window.as_deref().and_then(|window| Facts::new(window, integrates).ok());
+            let facts = facts.map(|facts| facts.with_verdict(&diagnosis.verdict));
             let pictures = facts.map(|facts| picture(method, &facts)).unwrap_or_default();
             return Some(Self {
                 time: rfc3339(run.finished),

@@ -11,7 +11,7 @@ pub struct LoopsQuery {
     /// What to sort by; equal keys by id. Default `severity`.
     #[param(inline)]
     pub sort: Sort,
-    /// `asc` or `desc`; default `asc` for `id` and `group`, else `desc`.
+    /// `asc` or `desc`; default `asc` for `id`, `group` and `score`, else `desc`.
     #[param(inline)]
     pub order: Option<Order>,
     /// Only loops whose latest diagnosis says this.
@@ -50,6 +50,10 @@ pub enum Sort {
     DeltaAic,
     /// Age of the latest diagnosis.
     Age,
+    /// Score, unknown ones last.
+    Score,
+    /// What the swing costs, unknown ones last.
+    Cost,
 }
 
 /// Direction.

@@ -1,5 +1,6 @@
 //! The plant as a whole, as the API writes it: groups, the work list, indicators.
 
+use super::latest_look::LatestLook;
 use super::rfc3339;
 use crate::indicators::series::{COUNT, NAMED, Values, over};
 use crate::plantwide::cause::period;
@@ -201,7 +202,7 @@ pub struct WorkItem {
     pub reopened: u32,
     /// How the loop was before it was repaired.
     pub before: Option<MeasureItem>,
-    /// How it is since.
+    /// How it was after that, by the looks that decided whether the repair helped; null before.
     pub after: Option<MeasureItem>,
 }
 
@@ -298,8 +299,9 @@ pub struct LoopHealth {
     /// What each is, in the order of every list of values.
     pub names: Vec<IndicatorName>,
     /// The latest look (`hour`), and the means of the latest `shift` (8 h), `day` (24 h) and `week` (168 h) up to it; of
-    /// `error_sd` the standard deviation about the mean of all that time, and of `period_s`, which has no mean, that of the look
-    /// with the largest swing. In each of them `score`, `swing` and `period_s` are of looks at the whole record, a week at most. A
+    /// `error_sd` the standard deviation about the mean of all that time, of `period_s` and `regularity`, which have no mean, those
+    /// of the look with the largest swing, and of `harris` and its interval the means of the looks with the latest dead time. In each
+    /// of them `score`, `swing`, `period_s`, `regularity` and `settling_s` are of looks at the whole record, a week at most. A
     /// value is null where good samples cover less than half of its time, and all of `hour` where the latest look is older than
     /// two periods of the looks.
     pub over: BTreeMap<&'static str, Vec<Option<f64>>>,
@@ -308,6 +310,9 @@ pub struct LoopHealth {
     pub looks: Vec<IndicatorPoint>,
     /// The mean of each day of UTC that has ended, oldest first.
     pub days: Vec<IndicatorPoint>,
+    /// What the latest look found beside the indicators; null before the first since the start, and where it is older than two
+    /// periods of the looks.
+    pub latest: Option<LatestLook>,
 }
 
 /// One indicator.
@@ -315,7 +320,7 @@ pub struct LoopHealth {
 pub struct IndicatorName {
     /// Its name.
     pub name: &'static str,
-    /// Its unit; `PV` and `OP` stand for the tags' own, `-` for none.
+    /// Its unit; `PV` and `OP` stand for the tags' own, `PV²` for its square, `-` for none.
     pub unit: &'static str,
     /// What it is.
     pub meaning: &'static str,
@@ -349,6 +354,7 @@ impl From<&Health> for LoopHealth {
             over: means.into_iter().chain([("hour", latest.to_vec())]).collect(),
             looks: own.looks.iter().map(point).collect(),
             days: own.days.iter().map(point).collect(),
+            latest: own.last.as_ref().map(LatestLook::from),
         }
     }
 }
@@ -417,7 +423,7 @@ mod tests {
     fn what_was_due_and_did_not_come_is_no_hour() {
         let hour = 3600.0;
         let look = |at: f64| (at * hour, [Some(50.0); COUNT]);
-        let there = Health { looks: vec![look(1.0), look(2.0)], days: Vec::new() };
+        let there = Health { looks: vec![look(1.0), look(2.0)], days: Vec::new(), last: None };
         let found = LoopHealth::from(&there);
         assert_eq!((found.over["hour"][0], found.over["shift"][0]), (Some(50.0), Some(50.0)));
         // Since then none came: a shift of eight hours up to now has the second alone, and later none.

@@ -313,7 +313,7 @@ impl From<(&str, &Diagnosis)> for Report {
 impl Report {
     /// The report of a loop; `op_span` (OP unit) as in the record that was diagnosed.
     pub fn new(name: &str, op_span: Option<f64>, diagnosis: &Diagnosis) -> Self {
-        let unit = OpUnit::new(op_span, diagnosis);
+        let unit = OpUnit::new(op_span);
         let estimate = diagnosis.estimate.as_ref();
         let prepared = Some(&diagnosis.preparation).filter(|preparation| preparation.n > 0);
         let (verdict, reason_code) = verdict(&diagnosis.verdict);
@@ -386,7 +386,7 @@ impl Report {
         if let Some(found) = &judged.findings {
             report = report.with_findings(op_span, &judged.diagnosis, found);
         }
-        let unit = OpUnit::new(op_span, &judged.diagnosis);
+        let unit = OpUnit::new(op_span);
         report.opinions = judged.opinions.iter().map(|own| ReportOpinion::new(own, &unit)).collect();
         report.agreement = judged.agreement.as_ref().map(ReportAgreement::from);
         report.doubtful = judged.is_doubtful();
@@ -408,7 +408,7 @@ impl Report {
     /// The report with what was traced: verdict, f, its interval and evidence come from there, whether or not effects were
     /// found; where tracing cannot tell friction the declared model's stand.
     pub fn with_findings(mut self, op_span: Option<f64>, diagnosis: &Diagnosis, found: &Findings) -> Self {
-        let unit = OpUnit::new(op_span, diagnosis);
+        let unit = OpUnit::new(op_span);
         self.residual = ReportResidual::traced(found, &unit, &diagnosis.verdict);
         if found.structure.as_ref().is_some_and(|structure| structure.confirmed > 0) {
             // None was weighed.

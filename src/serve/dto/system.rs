@@ -12,6 +12,8 @@ use utoipa::ToSchema;
 pub struct System {
     /// Version.
     pub version: &'static str,
+    /// The version, and behind a `+` the identity of the build: daemons with the same find the same in the same samples.
+    pub build: &'static str,
     /// Whether the code that writes to the plant is built in.
     pub writeback_built_in: bool,
     /// Plant time.

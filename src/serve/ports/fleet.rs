@@ -42,10 +42,38 @@ pub struct FleetSeen {
     pub machines: Vec<Machine>,
 }
 
+/// A centre that does not lead.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Standby {
+    /// What the centre is called that leads, where one is known.
+    pub leader: Option<String>,
+}
+
+/// What waits in the fleet, as far as this machine knows, for metrics.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FleetLoad {
+    /// This machine, as it says of itself.
+    pub own: Machine,
+    /// Windows that wait for a worker: those of an edge, or at a centre those of all edges; `None` where that is not known.
+    pub windows: Option<u64>,
+    /// Each stream, and how much of its room it takes (0..1); none but at a centre that reaches the server.
+    pub streams: Vec<(&'static str, f64)>,
+}
+
 /// Answers for the fleet.
 pub trait FleetPort: Send + Sync {
     /// The fleet as it is seen now.
     fn seen(&self) -> FleetSeen;
+
+    /// Whether people cannot act here, because this is a centre that does not lead.
+    fn standby(&self) -> Option<Standby> {
+        None
+    }
+
+    /// What waits now.
+    fn load(&self) -> FleetLoad {
+        FleetLoad::default()
+    }
 
     /// Messages of others that were of no use, or would have taken too much.
     fn refused(&self) -> u64 {

@@ -1,9 +1,14 @@
 //! What the API may know of the plant as a whole, and what people may do to its work list.
 
 use super::super::report::GroupPictures;
+use crate::indicators::distribution::Distribution;
+use crate::indicators::harris::Harris;
+use crate::indicators::oscillation::Oscillation;
 use crate::indicators::series::Values;
+use crate::indicators::settling::Settling;
 use crate::signal::LoopId;
 use crate::work::{Act, Order, Refusal};
+use std::collections::HashMap;
 use std::sync::Arc;
 
 /// What the latest look at the plant found.
@@ -19,6 +24,23 @@ pub struct Overview {
     pub skipped: Vec<(LoopId, String)>,
     /// Groups, the largest first.
     pub groups: Vec<GroupSeen>,
+    /// Why loops were not at rest; no entry for a loop that was, or could not be judged.
+    pub causes: HashMap<LoopId, CauseSeen>,
+}
+
+/// Why a loop was not at rest.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CauseSeen {
+    /// The cause that is named.
+    pub name: &'static str,
+    /// Its probability (0..1); `None` for one that is not known.
+    pub probability: Option<f64>,
+    /// The sentence for operators.
+    pub why: String,
+    /// The likeliest source of its group, where that is the cause.
+    pub neighbour: Option<LoopId>,
+    /// The probability of every cause and of rest (0..1), the largest first.
+    pub causes: Vec<(&'static str, f64)>,
 }
 
 /// Loops that swing together.
@@ -65,6 +87,34 @@ pub struct Health {
     pub looks: Vec<(f64, Values)>,
     /// Days before that, oldest first: when one ended (s), and its mean.
     pub days: Vec<(f64, Values)>,
+    /// What the latest look found beside them; `None` before the first since the start, and where it is as old as `looks` says.
+    pub last: Option<LoopLook>,
+}
+
+/// What a look found of one loop beside its indicators: of its whole record, a week at most, and the index of its latest part.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LoopLook {
+    /// When it was (s).
+    pub at: f64,
+    /// The Harris index.
+    pub harris: Option<Harris>,
+    /// Dead time of the process that it is for (s); `None` where it is for one sample.
+    pub dead_time_s: Option<f64>,
+    /// How steps of the set point were followed.
+    pub settling: Option<Settling>,
+    /// Oscillations of the error, the largest first.
+    pub oscillations: Vec<Oscillation>,
+    /// Where OP stayed.
+    pub distribution: Option<Distribution>,
+}
+
+/// How a loop stands among others, by the latest look.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Standing {
+    /// The score (0..100); `None` where it is not known.
+    pub score: Option<f64>,
+    /// What its swing costs, and the unit; `None` where nobody gave a price.
+    pub cost: Option<(f64, String)>,
 }
 
 /// Where the plant as a whole is asked for.
@@ -95,4 +145,7 @@ pub trait PlantwidePort: Send + Sync {
 
     /// The indicators of a loop over time; `None` before the first look at it.
     fn health(&self, id: &LoopId) -> Option<Health>;
+
+    /// How a loop stands among others.
+    fn standing(&self, id: &LoopId) -> Standing;
 }

@@ -2,6 +2,7 @@
 //! `polyline` trends and spectra, `.look` the likeliest source, `.edge` and `.node` of the graph, `.cell` of the matrix.
 
 use crate::plantwide::cause::period;
+use crate::plantwide::lag::Lag;
 use crate::plantwide::spectra::Spectra;
 use crate::plantwide::{Analysis, Group, Plant, PlantLoop};
 use crate::plot::{escape, thin};
@@ -41,7 +42,7 @@ impl GroupPictures {
             ),
             (
                 picture(&|out| drawn.graph(out, number)),
-                "From the likeliest source along the strongest coherence: one possible way of the swing",
+                "The strongest coherences from the likeliest source on. Arrow: comes later by more than twice the error of the lag; line: swings together, order not known",
             ),
             (
                 picture(&|out| drawn.matrix(out)),
@@ -77,11 +78,21 @@ struct Drawn<'a> {
 }
 
 impl Drawn<'_> {
-    /// gamma² of two that are drawn; 0 where it was not kept.
-    fn gamma(&self, a: usize, b: usize) -> f64 {
+    /// Where two that are drawn stand in the matrices of the group; none where they were not kept.
+    fn pair(&self, a: usize, b: usize) -> Option<usize> {
         let size = (self.group.coherence.len() as f64).sqrt() as usize;
         let (a, b) = (self.places[a], self.places[b]);
-        if a.max(b) < size { self.group.coherence[a * size + b] } else { 0.0 }
+        (a.max(b) < size).then_some(a * size + b)
+    }
+
+    /// gamma² of two that are drawn; 0 where it was not kept.
+    fn gamma(&self, a: usize, b: usize) -> f64 {
+        self.pair(a, b).and_then(|at| self.group.coherence.get(at).copied()).unwrap_or(0.0)
+    }
+
+    /// The lag of `b` against `a`, both drawn; none where it is not known which comes first.
+    fn lag(&self, a: usize, b: usize) -> Option<Lag> {
+        self.group.lags.get(self.pair(a, b)?).copied().filter(Lag::is_known)
     }
 
     fn trends(&self, out: &mut String, few: &[PlantLoop]) {
@@ -136,7 +147,8 @@ impl Drawn<'_> {
         let _ = write!(out, "<path class=\"mark\" d=\"M{at:.1} 0V{:.1}\"/></svg>", height - 18.0);
     }
 
-    /// A tree of strongest coherence from the source: each member hangs on the one already there that it swings with most.
+    /// A tree of strongest coherence from the source: each member hangs on the one already there that it swings with most. It says who
+    /// swings with whom; who comes first is said by the measured lag alone.
     fn graph(&self, out: &mut String, number: usize) {
         let Self { members, source, found, .. } = *self;
         let n = members.len();
@@ -165,18 +177,8 @@ impl Drawn<'_> {
             out,
             "<svg viewBox=\"0 0 {w} {h}\" role=\"img\" aria-label=\"interaction graph\"><defs><marker id=\"from{number}\" viewBox=\"0 0 8 8\" refX=\"8\" refY=\"4\" markerWidth=\"7\" markerHeight=\"7\" orient=\"auto\"><path class=\"head\" d=\"M0 0L8 4L0 8z\"/></marker></defs>"
         );
-        for (from, to) in edges {
-            let ((x, y), (p, q)) = (place(from), place(to));
-            // The arrow ends at the edge of the name's box.
-            let edge = (34.0 / (p - x).abs()).min(10.0 / (q - y).abs());
-            let short = edge.min(0.4);
-            let _ = write!(
-                out,
-                "<path class=\"edge\" opacity=\"{:.2}\" marker-end=\"url(#from{number})\" d=\"M{x:.1} {y:.1}L{:.1} {:.1}\"/>",
-                0.3 + 0.7 * self.gamma(from, to),
-                p - short * (p - x),
-                q - short * (q - y)
-            );
+        for (a, b) in edges {
+            self.edge(out, number, (a, place(a)), (b, place(b)));
         }
         for (i, member) in members.iter().enumerate() {
             let (x, y) = place(i);
@@ -191,6 +193,41 @@ impl Drawn<'_> {
             );
         }
         *out += "</svg>";
+    }
+
+    /// An edge between two that are drawn, each with its place: an arrow to the one that comes later, or a line where that is not known.
+    fn edge(&self, out: &mut String, number: usize, a: (usize, (f64, f64)), b: (usize, (f64, f64))) {
+        let name = |of: usize| escape(&self.found.loops[self.members[of]].name);
+        let lag = self.lag(a.0, b.0);
+        // The name's box covers the end of a line.
+        let ((from, (x, y)), (to, (p, q))) =
+            if lag.is_some_and(|lag| lag.delay_s < 0.0) { (b, a) } else { (a, b) };
+        let (end, head, title) = match lag {
+            Some(lag) => {
+                // An arrow ends at the edge of the name's box.
+                let short = (34.0 / (p - x).abs()).min(10.0 / (q - y).abs()).min(0.4);
+                let periods = |s: f64| s.abs() / self.group.period_s;
+                let (delay, error) = (periods(lag.delay_s), periods(lag.error_s));
+                let title =
+                    format!("{} swings {delay:.2} ± {error:.2} periods after {}", name(to), name(from));
+                (
+                    (p - short * (p - x), q - short * (q - y)),
+                    format!(" marker-end=\"url(#from{number})\""),
+                    title,
+                )
+            }
+            None => {
+                let title = format!("{} and {}: which comes first is not known", name(from), name(to));
+                ((p, q), String::new(), title)
+            }
+        };
+        let _ = write!(
+            out,
+            "<path class=\"edge\" opacity=\"{:.2}\"{head} d=\"M{x:.1} {y:.1}L{:.1} {:.1}\"><title>{title}</title></path>",
+            0.3 + 0.7 * self.gamma(a.0, b.0),
+            end.0,
+            end.1
+        );
     }
 
     fn matrix(&self, out: &mut String) {
@@ -279,5 +316,42 @@ mod tests {
         // It is where it was among the few.
         let few = Group { members: (0..5).collect(), ..group };
         assert_eq!(places(&few, Some(3)), [0, 1, 2, 3, 4]);
+    }
+
+    #[test]
+    fn an_arrow_goes_to_who_comes_later_and_a_line_to_whom_nobody_knows() {
+        let name = |i: usize| format!("L{i}");
+        let plant: Vec<PlantLoop> =
+            (0..4).map(|i| PlantLoop { name: name(i), ..PlantLoop::default() }).collect();
+        let loops = (0..4).map(|i| LoopFound { name: name(i), ..LoopFound::default() }).collect();
+        let (mut coherence, mut lags) = (vec![0.0; 16], vec![Lag::UNKNOWN; 16]);
+        // All swing with the first: one after it, one before it, and one by less than twice the error after it.
+        for (other, gamma, delay_s) in [(1, 0.9, 10.0), (2, 0.8, -10.0), (3, 0.7, 7.0)] {
+            let lag = Lag { delay_s, error_s: 4.0 };
+            (coherence[other], lags[other], lags[4 * other]) = (gamma, lag, lag.reversed());
+        }
+        let suspects = vec![Suspect { at: 0, probability: 0.9, ..Suspect::default() }];
+        let members = (0..4).collect();
+        let group = Group { period_s: 100.0, members, coherence, lags, suspects, ..Group::default() };
+        let found = Analysis { loops, groups: Vec::new() };
+        let pictures = GroupPictures::of(7, &group, &plant, &found);
+        let (graph, caption) = pictures.each().nth(2).expect("a graph");
+        let edges: Vec<&str> = graph
+            .split("<path class=\"edge\"")
+            .skip(1)
+            .filter_map(|own| own.split("</path>").next())
+            .collect();
+        assert_eq!(
+            edges,
+            [
+                " opacity=\"0.93\" marker-end=\"url(#from7)\" d=\"M280.0 180.0L470.0 180.0\"><title>L1 swings 0.10 ± 0.04 periods after L0</title>",
+                " opacity=\"0.86\" marker-end=\"url(#from7)\" d=\"M168.0 310.9L271.4 190.0\"><title>L0 swings 0.10 ± 0.04 periods after L2</title>",
+                " opacity=\"0.79\" d=\"M280.0 180.0L168.0 49.1\"><title>L0 and L3: which comes first is not known</title>",
+            ]
+        );
+        assert!(
+            caption.contains("Arrow: comes later") && caption.contains("line: swings together"),
+            "{caption}"
+        );
     }
 }

@@ -11,6 +11,7 @@ use super::super::words::{percent, short};
 use super::of_plant::{friction_words, verdict_words};
 use super::{document, when};
 use crate::plot::{Panel, Plot, Series, draw, escape, thin};
+use crate::results::f_unit;
 use crate::results::words::swings_with;
 use std::fmt::Write;
 
@@ -221,39 +222,57 @@ fn curve(found: &LoopDiagnosis) -> Option<Plot> {
     let mut marks = Vec::new();
     marks.extend(found.report.f.map(|f| (f, "f")));
     marks.extend(found.report.f_ci95.into_iter().flatten().map(|limit| (limit, "")));
+    let outer = found.report.f_ci95.map_or("", |_| " The outer marks are the 95 % interval of f.");
     Some(Plot {
-        title: "AIC over f: the lower the AIC, the better the model explains PV. The outer marks are the 95 % interval of f."
-            .into(),
-        x: "f",
+        title: format!("AIC over f: the lower the AIC, the better the model explains PV.{outer}"),
+        x: axis(&found.report.f_unit),
         panels: vec![Panel { y: "AIC above the best", log: false, series: vec![series("", "op", points)] }],
         marks,
     })
 }
 
-/// f over the diagnoses that are remembered (h before now), with the alarms that it raised.
+/// The axis of f in this unit.
+fn axis(unit: &str) -> &'static str {
+    if unit == f_unit(true) { "f (% OP)" } else { "f (OP units)" }
+}
+
+/// f over the diagnoses that are remembered (h before now), with the alarms that it raised. A share of the span and OP's own unit do
+/// not fit on one axis: those in another unit than the latest, of before the span was known, are not drawn.
 fn over_time(now: Option<&str>, runs: &[RunItem], alarms: &[AlarmChangeItem]) -> Option<Plot> {
     let now = now.and_then(parse_time)?;
     let before = |time: &Option<String>| Some((time.as_deref().and_then(parse_time)? - now) / 3600.0);
+    let unit = runs.iter().rev().find(|run| run.f.is_some())?.f_unit.as_str();
+    let is_other = |run: &&RunItem| run.f.is_some() && run.f_unit != unit;
+    let others = match runs.iter().filter(is_other).count() {
+        0 => String::new(),
+        1 => " One in another unit is not drawn.".to_string(),
+        many => format!(" {many} in another unit are not drawn."),
+    };
     let of = |value: &dyn Fn(&RunItem) -> Option<f64>| -> Vec<(f64, f64)> {
-        runs.iter().filter_map(|run| Some((before(&run.time)?, value(run)?))).collect()
+        let told = runs.iter().filter(|run| !is_other(run));
+        told.filter_map(|run| Some((before(&run.time)?, value(run)?))).collect()
     };
     let f = of(&|run| run.f);
     if f.len() < 2 {
         return None;
     }
+    // An alarm may be remembered for longer than the diagnoses: before the first there is no axis.
+    let (first, last) =
+        f.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), (t, _)| (a.min(*t), b.max(*t)));
     let raised =
         alarms.iter().filter(|change| change.kind == AlarmKind::Stiction && change.cause == "raised");
+    let raised = raised.filter_map(|change| before(&change.time)).filter(|t| (first..=last).contains(t));
     let limits = |side: usize| of(&move |run| run.f_ci95.map(|limits| limits[side]));
     let bounds = [series("95 % interval", "sp", limits(0)), series("", "sp", limits(1))];
     Some(Plot {
-        title: "f over the diagnoses that are remembered.".into(),
+        title: format!("f over the diagnoses that are remembered.{others}"),
         x: "time before this report (h)",
         panels: vec![Panel {
-            y: "f",
+            y: axis(unit),
             log: false,
             series: std::iter::once(series("f", "op", f)).chain(bounds).collect(),
         }],
-        marks: raised.filter_map(|change| Some((before(&change.time)?, "alarm"))).collect(),
+        marks: raised.map(|t| (t, "alarm")).collect(),
     })
 }
 
@@ -315,7 +334,7 @@ mod tests {
         }
     }
 
-    fn run(time: f64) -> RunItem {
+    fn run(time: f64, f_in_percent: bool) -> RunItem {
         RunItem::from(&Summary {
             time,
             took_s: 0.1,
@@ -323,7 +342,7 @@ mod tests {
             outcome: "stiction".into(),
             reason_code: None,
             reason: String::new(),
-            f_in_percent: true,
+            f_in_percent,
             f: Some(2.0),
             f_ci95: Some([1.9, 2.1]),
             delta_aic: Some(100.0),
@@ -334,13 +353,34 @@ mod tests {
     #[test]
     fn an_alarm_of_another_kind_is_told_as_such_and_is_no_mark_over_f() {
         let alarms = [raised(AlarmKind::TagBad), raised(AlarmKind::Stiction)];
-        // 2026-01-01T00:00:00Z and a minute later.
-        let runs = [1_767_225_600.0, 1_767_225_660.0].map(run);
+        // 2026-01-01T00:00:00Z and two hours later.
+        let runs = [1_767_225_600.0, 1_767_232_800.0].map(|time| run(time, true));
         let plot = over_time(Some("2026-01-01T02:00:00Z"), &runs, &alarms).expect("two diagnoses");
         assert_eq!(plot.marks, [(-1.0, "alarm")]);
         let mut table = String::new();
         history(&mut table, &alarms);
         let cells = ["<td>a tag is bad</td>", "<td>the valve sticks</td>"];
         assert!(cells.iter().all(|cell| table.contains(cell)), "{table}");
+    }
+
+    #[test]
+    fn what_does_not_fit_on_the_axes_is_not_drawn() {
+        // 2026-01-01T01:30:00Z, half an hour after the alarm, and later.
+        let at = |minutes: f64| 1_767_231_000.0 + 60.0 * minutes;
+        let drawn = |runs: &[RunItem]| {
+            over_time(Some("2026-01-01T04:00:00Z"), runs, &[raised(AlarmKind::Stiction)])
+                .expect("two of one unit")
+        };
+        // OP's span is known since the third.
+        let both = [run(at(0.0), false), run(at(10.0), false), run(at(20.0), true), run(at(30.0), true)];
+        let plot = drawn(&both);
+        assert_eq!((plot.panels[0].y, plot.panels[0].series[0].points.len()), ("f (% OP)", 2));
+        assert!(
+            plot.title.ends_with(" 2 in another unit are not drawn.") && plot.marks.is_empty(),
+            "{plot:?}"
+        );
+        let plot = drawn(&both[..2]);
+        assert_eq!((plot.panels[0].y, plot.panels[0].series[0].points.len()), ("f (OP units)", 2));
+        assert!(plot.title.ends_with("that are remembered."), "{}", plot.title);
     }
 }

@@ -122,7 +122,7 @@ mod tests {
     use crate::alarm;
     use crate::diagnosis::NotIdentifiable;
     use crate::results::{Results, Summary, Trigger};
-    use crate::serve::LoopInfo;
+    use crate::serve::{LoopInfo, Standing};
     use crate::signal::LoopId;
 
     #[test]
@@ -158,7 +158,9 @@ mod tests {
                 delta_aic: Some(100.0),
                 compensated: None,
             });
-            of_plant(&[LoopItem::new(&info, &known, 0.0)], 0, None).matches("<svg").count()
+            of_plant(&[LoopItem::new(&info, &known, Standing::default(), 0.0)], 0, None)
+                .matches("<svg")
+                .count()
         };
         assert_eq!([bars(true), bars(false)], [1, 0]);
     }

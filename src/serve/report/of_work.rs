@@ -8,12 +8,15 @@ use std::fmt::Write;
 
 /// The list as a page.
 pub fn of_work(listing: &WorkListing) -> String {
+    let watched = match listing.watched {
+        1 => "1 suspicion that has not lasted yet".to_string(),
+        many => format!("{many} suspicions that have not lasted yet"),
+    };
     let mut body = format!(
-        "<h1>Work list</h1><p class=\"faint\">stictiond {}, {}</p><p>{} to do, {} suspicions that have not lasted yet.</p>",
+        "<h1>Work list</h1><p class=\"faint\">stictiond {}, {}</p><p>{} to do, {watched}.</p>",
         env!("CARGO_PKG_VERSION"),
         when(listing.time.as_deref()),
-        listing.standing,
-        listing.watched
+        listing.standing
     );
     if listing.items.is_empty() {
         body += "<p>There is nothing to do.</p>";
@@ -47,13 +50,13 @@ fn row(out: &mut String, item: &WorkItem) {
     );
 }
 
-/// What a repair changed, where that is known.
+/// What a repair changed, where that is known. An order may be open again for long: it is not said how the loop is now.
 fn helped(item: &WorkItem) -> String {
     let sd = |own: &Option<MeasureItem>| own.as_ref().and_then(|own| own.error_sd);
     match (sd(&item.before), sd(&item.after)) {
         (Some(before), Some(after)) => {
             format!(
-                " The error's standard deviation was {} before the repair and is {} since.",
+                " The error's standard deviation was {} before the repair and {} after it.",
                 short(before),
                 short(after)
             )
@@ -109,6 +112,25 @@ fn quoted(cell: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::serve::WorkLine;
+    use crate::signal::LoopId;
+    use crate::work::{Measure, Order, State};
+
+    #[test]
+    fn an_order_that_is_open_again_is_not_said_to_be_as_after_its_repair() {
+        let sd = |sd| Measure { error_sd: Some(sd), ..Measure::default() };
+        let verified = Order {
+            state: State::Open,
+            before: Some((sd(2.0), 0.0)),
+            after: Some(sd(0.5)),
+            ..Order::new(LoopId::new("FIC101"), 0.0)
+        };
+        let watched = Order::new(LoopId::new("FIC102"), 0.0);
+        let lines = [verified, watched].map(|order| WorkLine { order, cost: None });
+        let page = of_work(&WorkListing::of(lines.into(), false, 0.0));
+        assert!(page.contains("deviation was 2.00 before the repair and 0.500 after it."), "{page}");
+        assert!(page.contains("<p>1 to do, 1 suspicion that has not lasted yet.</p>"), "{page}");
+    }
 
     #[test]
     fn cells_are_quoted_and_no_formulas() {

@@ -6,6 +6,7 @@ use crate::audit::Bounds;
 use crate::compensation::gate::State;
 use crate::diagnosis::Diagnosis;
 use crate::results::{Outcome, Run, Trigger};
+use crate::serve::NotificationPort;
 use futures::FutureExt;
 use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
 use std::sync::mpsc;
@@ -171,6 +172,56 @@ async fn what_alarms_look_at_is_free_while_a_reload_waits_for_terms() {
     drop(go_on);
     reloading.await.expect("it is taken");
     assert!(is_free, "a reload holds alarms up for as long as a term takes");
+    std::fs::remove_dir_all(&folder).expect("the folder is there");
+}
+
+/// The next start takes a trip of before it for over, so nobody would ever hear of one that came during the stop.
+#[tokio::test(flavor = "multi_thread", worker_threads = 4)]
+async fn what_trips_while_terms_go_to_zero_for_a_stop_is_told() {
+    let folder = folder("stopping");
+    let mut config = config();
+    let store = format!("folder = {:?}", folder.join("store"));
+    config.store = Some(toml::from_str(&store).expect("it is right"));
+    let mut receiver = "name = 'cmms'\nurl = 'http://127.0.0.1:1/'\n".to_string();
+    receiver += "secret_env = 'NO_SUCH_SECRET'\n[pace]\nwait_s = 3600.0\n";
+    config.notify.webhook = vec![toml::from_str(&receiver).expect("it is right")];
+    let app = App::build(config, Clock::wall(), App::diagnosis()).expect("it is sound");
+    let (go_on, waits) = mpsc::channel::<()>();
+    let (waits, looks) = (Mutex::new(waits), Arc::new(AtomicBool::new(false)));
+    let looked = looks.clone();
+    let mut setups = setups();
+    setups[0].pause = Duration::from_millis(1);
+    setups[0].look = Arc::new(move || {
+        looked.store(true, SeqCst);
+        // Until the sender is dropped: the way to zero takes so long.
+        let _ = waits.lock().unwrap_or_else(PoisonError::into_inner).recv();
+        Inputs::default()
+    });
+    let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.expect("a port");
+    let stopping = async {
+        while !app.state.lock().await.collecting {
+            tokio::task::yield_now().await;
+        }
+        app.writeback.start(setups, recorder(&folder));
+        while !looks.load(SeqCst) {
+            tokio::task::yield_now().await;
+        }
+        app.stop().cancel();
+        // Half a second: who stops at once has long done so.
+        for _ in 0..100 {
+            assert!(!app.notifications.receivers().is_empty(), "nobody is told any more");
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+        app.results.watch_trip(&id(), Some("a fault".into()), Clock::wall().now());
+        drop(go_on);
+    };
+    let both = async { tokio::join!(app.run(listener), stopping) };
+    let (ended, ()) = tokio::time::timeout(Duration::from_secs(60), both).await.expect("it ends");
+    ended.expect("it is sound");
+    let letters = std::fs::read_dir(folder.join("store/letters/cmms")).expect("there is a letter");
+    let told = letters.flatten().filter_map(|letter| std::fs::read_to_string(letter.path()).ok());
+    assert!(told.into_iter().any(|letter| letter.contains("compensation_tripped")));
+    drop(app);
     std::fs::remove_dir_all(&folder).expect("the folder is there");
 }
 

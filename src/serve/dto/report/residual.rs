@@ -10,7 +10,7 @@ use utoipa::ToSchema;
 
 /// The parameter that says where an effect acts.
 const PLACE: &str = "where";
-/// Most kinds that are told as candidates.
+/// Most kinds that are told as candidates, `none` among them.
 const MOST_CANDIDATES: usize = 3;
 
 /// The residual before and after effects were added to the declared model, on samples that no fit has seen: the last 20 % of the
@@ -31,8 +31,9 @@ pub struct ReportResidual {
     pub free_run_rmse_after: Option<f64>,
     /// What was added to the declared model, in that order; empty when it suffices.
     pub effects: Vec<ReportEffect>,
-    /// The likeliest kinds of effect when the last was looked for, at most three, `none` among them: where none of them has
-    /// more than half, the record lies between them. Empty where nothing was traced.
+    /// The likeliest kinds of effect when the last was looked for, at most three, and always `none`, as the last where three
+    /// kinds are likelier: where none of them has more than half, the record lies between them. Empty where nothing was
+    /// searched for.
     #[serde(default)]
     pub candidates: Vec<ReportCandidate>,
     /// The free run with the effects is worse than the declared model's.
@@ -210,7 +211,14 @@ fn candidates(findings: &Findings) -> Vec<ReportCandidate> {
         kind: kind.map_or("none", Kind::as_str).to_string(),
         posterior: finite(*posterior),
     };
-    findings.candidates.iter().map(candidate).take(MOST_CANDIDATES).collect()
+    let (told, rest) = findings.candidates.split_at(MOST_CANDIDATES.min(findings.candidates.len()));
+    let mut told: Vec<_> = told.iter().collect();
+    // How likely it is that there is no further effect is always told.
+    if let Some(none) = rest.iter().find(|(kind, _)| kind.is_none()) {
+        told.truncate(MOST_CANDIDATES - 1);
+        told.push(none);
+    }
+    told.into_iter().map(candidate).collect()
 }
 
 fn stem(stem: &residual::Stem, unit: &OpUnit) -> ReportStem {

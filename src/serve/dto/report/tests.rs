@@ -23,6 +23,7 @@ fn sticky(op: Vec<f64>) -> Diagnosis {
                 jitter_s: Some(0.05),
                 polls_per_scan: Some(2.0),
                 recovered: true,
+                ts_given: false,
                 pv_late_s: 0.0,
             })),
             worst_skew: 0.0,
@@ -84,7 +85,7 @@ fn contract_fields_have_their_names_and_values() {
     let expected = serde_json::json!({
         "loop": "FIC101", "verdict": "stiction", "reason": "f = 2.50 % OP, evidence 446", "reason_code": null,
         "read_as": null, "op_span": null, "op_span_source": "unknown",
-        "f": 2.5, "f_ci95": [2.25, 2.75], "f_unit": "% OP", "f_unit_assumed": true, "f_threshold": 0.05, "f_of_op_range": 0.41,
+        "f": 2.5, "f_ci95": [2.25, 2.75], "f_unit": "OP units", "f_unit_assumed": true, "f_threshold": 0.05, "f_of_op_range": 0.41,
         "posterior": null, "delta_aic": 446.0, "rival": "a linear loop", "steadiness": 9.0, "f_max": 6.0, "f_detectable": null, "d_srinivasan": 4.0,
         "window": {"start": 0.0, "end": 49950.0, "n": 1000, "ts_s": 50.0, "quality": "good", "missing": 0.0, "history": null},
         "compensated": null,
@@ -126,6 +127,16 @@ fn what_was_traced_is_told_with_its_posteriors() {
     let candidates = serde_json::json!([{"kind": "gain_change", "posterior": 0.48}, {"kind": "load_step", "posterior": 0.41},
         {"kind": "none", "posterior": 0.11}]);
     assert_eq!(residual["candidates"], candidates);
+    let mut others = made_findings(Verdict::NoStiction, Vec::new());
+    others.candidates = [Some(Kind::GainChange), Some(Kind::LoadStep), Some(Kind::Drift), None]
+        .into_iter()
+        .zip([0.4, 0.3, 0.2, 0.1])
+        .collect();
+    let named: Vec<String> =
+        told(&others).residual.candidates.into_iter().map(|candidate| candidate.kind).collect();
+    assert_eq!(named, ["gain_change", "load_step", "none"], "none is told, however unlikely it is");
+    others.candidates.clear();
+    assert!(told(&others).residual.candidates.is_empty());
     let [curved, changed] = [&residual["effects"][0], &residual["effects"][1]];
     assert_eq!(curved["posterior"], 0.97);
     assert_eq!(curved["parameters"], serde_json::json!({"ratio": 1.5, "where": "process"}));
@@ -206,15 +217,13 @@ fn unit_of_f() {
     // A configured span decides and converts: 2.5 of 0..16 mA is 15.625 %.
     assert_eq!(unit(Some(100.0), &[-1.0, 1.0]), ("% OP".into(), false, Some(2.5)));
     assert_eq!(unit(Some(16.0), &[4.0, 20.0]), ("% OP".into(), false, Some(15.625)));
-    // Without one the values decide: per cent, below zero, above a hundred, a share of the span.
-    assert_eq!(unit(None, &[17.0, 21.0]), ("% OP".into(), true, Some(2.5)));
-    assert_eq!(unit(None, &[11.0, 13.0]), ("OP units".into(), true, Some(2.5)), "mA or per cent");
-    assert_eq!(unit(None, &[-1.0, 0.99]), ("OP units".into(), true, Some(2.5)));
-    assert_eq!(unit(None, &[389.0, 395.0]), ("OP units".into(), true, Some(2.5)));
-    assert_eq!(unit(None, &[0.2, 0.9]), ("OP units".into(), true, Some(2.5)));
-    // A span that is no span counts as unknown.
-    assert!(unit(Some(f64::NAN), &[17.0, 21.0]).1);
-    assert!(unit(Some(0.0), &[17.0, 21.0]).1);
+    // Without one it is in OP's own unit, whatever the values: 17 to 21 may be psi.
+    for op in [[17.0, 21.0], [11.0, 13.0], [-1.0, 0.99], [389.0, 395.0], [0.2, 0.9]] {
+        // A span that is no span counts as unknown.
+        for span in [None, Some(f64::NAN), Some(0.0)] {
+            assert_eq!(unit(span, &op), ("OP units".into(), true, Some(2.5)), "{op:?} {span:?}");
+        }
+    }
 }
 
 #[test]

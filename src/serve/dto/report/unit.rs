@@ -1,12 +1,9 @@
 //! The unit of everything that is measured along OP.
 
 use super::super::finite;
-use crate::diagnosis::Diagnosis;
 use crate::results::{f_unit, op_in_percent};
 
-/// The unit along OP, and what turns OP units into it.
-///
-/// Whether OP is in per cent is [`op_in_percent`]'s to say; without a span it is an assumption and is marked.
+/// The unit along OP, and what turns OP units into it: per cent of the span where [`op_in_percent`] says that it is known.
 pub(super) struct OpUnit {
     pub(super) name: &'static str,
     pub(super) assumed: bool,
@@ -15,9 +12,9 @@ pub(super) struct OpUnit {
 }
 
 impl OpUnit {
-    pub(super) fn new(op_span: Option<f64>, diagnosis: &Diagnosis) -> Self {
-        let known = op_span.filter(|span| span.is_finite() && *span > 0.0);
-        let name = f_unit(op_in_percent(op_span, diagnosis));
+    pub(super) fn new(op_span: Option<f64>) -> Self {
+        let known = op_span.filter(|_| op_in_percent(op_span));
+        let name = f_unit(known.is_some());
         Self { name, assumed: known.is_none(), factor: known.map_or(1.0, |span| 100.0 / span) }
     }
 

@@ -16,9 +16,12 @@ function ask(title, fields, verb, act) {
     const form = h("form", { method: "dialog" }, h("h2", { id: "asked" }, title), session.name ? h("p", { class: "note" }, `as ${session.name}`) : h("label", null, "Your name", by), ...fields, wrong,
       h("div", { class: "acts" }, h("button", { type: "button", on: { click: () => dialog.close() } }, "Cancel"), h("button", { class: "main" }, verb)));
     const dialog = h("dialog", { "aria-labelledby": "asked" }, form);
-    let acted = false;
+    let acted = false, busy = false;
     form.addEventListener("submit", async (event) => {
       event.preventDefault();
+      // What waits for its answer is not done twice: the record of a change may take seconds.
+      if (busy) return;
+      busy = true;
       const said = Object.fromEntries(new FormData(form));
       if (said.by) memory.set("name", said.by);
       try {
@@ -27,6 +30,8 @@ function ask(title, fields, verb, act) {
         dialog.close();
       } catch (error) {
         wrong.textContent = error.message;
+      } finally {
+        busy = false;
       }
     });
     dialog.addEventListener("close", () => {

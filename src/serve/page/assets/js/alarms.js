@@ -1,7 +1,7 @@
 // Alarms: what stands now, what can be done about it, what was before, and who is told. States are shown as the API names them.
 
 import { acknowledge, giveBack, reset, shelve, takeOut, unshelve } from "./actions.js";
-import { all, get } from "./api.js";
+import { AGAIN_MS, all, get, mayPass } from "./api.js";
 import { h, scroll } from "./dom.js";
 import { short, when } from "./format.js";
 import { listen, loops } from "./live.js";
@@ -15,7 +15,7 @@ const PRIORITIES = ["high", "medium", "low"];
 const PAGE = 200;
 
 export function alarmsView(main, _parts, query) {
-  let over = false, pending = null, wanted = PAGE;
+  let over = false, pending = null, wanted = PAGE, drawn = null, shown = new Set();
   const tab = query.get("show") in TABS ? query.get("show") : "standing";
   const tabs = h("nav", { "aria-label": "Alarms" }, Object.entries(TABS).map(([key, text]) => h("a", { href: key === "standing" ? "#/alarms" : `#/alarms?show=${key}`, "aria-current": key === tab ? "page" : null }, text)));
   const told = (items) => {
@@ -79,6 +79,19 @@ export function alarmsView(main, _parts, query) {
     return new Set(apart);
   }
 
+  // What is the same is not drawn anew: somebody may be reading it, or press a button of it. What has the focus keeps it.
+  function draw(list) {
+    const of = ({ description, f, f_unit: unit } = {}) => [description, f, unit];
+    const now = JSON.stringify([list.flood?.since, list.items.map((item) => [item, of(loops.get(loopOf(item)))])]);
+    if (now === drawn) return;
+    drawn = now;
+    const focused = main.contains(document.activeElement) ? document.activeElement : null, act = focused?.dataset.act, row = focused?.closest("tr")?.dataset.alarm;
+    const apart = groups(list);
+    rows.replaceChildren(...list.items.filter((item) => !apart.has(item)).map(standing));
+    if (act) (main.querySelector(`[data-act="${CSS.escape(act)}"]`) ?? rows.querySelector("button"))?.focus();
+    else if (row !== undefined) main.querySelector(`tr[data-alarm="${CSS.escape(row)}"] a`)?.focus({ preventScroll: true });
+  }
+
   async function show() {
     pending = null;
     try {
@@ -87,18 +100,24 @@ export function alarmsView(main, _parts, query) {
       if (over) return;
       const rank = (item) => kindOf({ alarm: item.state }).rank * 10 + (PRIORITIES.indexOf(item.priority) + 10) % 10;
       list.items.sort((a, b) => rank(a) - rank(b) || (b.since ?? "").localeCompare(a.since ?? ""));
-      const focused = document.activeElement?.dataset?.act;
-      const apart = groups(list);
-      rows.replaceChildren(...list.items.filter((item) => !apart.has(item)).map(standing));
-      if (focused) (main.querySelector(`[data-act="${CSS.escape(focused)}"]`) ?? rows.querySelector("button"))?.focus();
+      shown = new Set(list.items.map(loopOf));
+      draw(list);
       const open = list.items.filter((item) => mayAck(item.state)).length;
       summary.textContent = list.items.length ? `${list.items.length} ${list.items.length === 1 ? "alarm" : "alarms"}, ${open} to acknowledge` : "No alarms.";
     } catch (error) {
-      if (!over) summary.textContent = `the alarms cannot be fetched: ${error.message}`;
+      if (over) return;
+      summary.textContent = `the alarms cannot be fetched: ${error.message}`;
+      if (mayPass(error)) soon(AGAIN_MS);
     }
   }
 
-  const end = listen((name) => ["alarm", "loops"].includes(name) && (pending ??= setTimeout(show, 300)));
+  function soon(milliseconds) {
+    pending ??= setTimeout(show, milliseconds);
+  }
+  // Of a loop its description and its f are shown: where very many loops are diagnosed most of them are of no alarm. All of them where
+  // nobody knows what was missed.
+  const concerns = (name, data) => name === "alarm" || (name === "loops" && (data === null || [...data].some((id) => shown.has(id))));
+  const end = listen((name, data) => concerns(name, data) && soon(300));
   show();
   return () => {
     over = true;

@@ -1,6 +1,6 @@
 // The audit log: who changed what, from where, and with what result. Read-only, newest first.
 
-import { get } from "./api.js";
+import { AGAIN_MS, get, mayPass } from "./api.js";
 import { h, scroll } from "./dom.js";
 import { when } from "./format.js";
 import { words } from "./states.js";
@@ -8,7 +8,7 @@ import { words } from "./states.js";
 const PAGE = 100;
 
 export function auditView(main) {
-  let over = false, next = null;
+  let over = false, next = null, retry = null;
   const rows = h("tbody"), summary = h("p", { class: "summary", role: "status" }, "loading …");
   const older = h("button", { type: "button", hidden: true, on: { click: () => show() } }, "Older");
   const columns = ["Time", "What", "Who", "From", "Asked", "Result", "No."];
@@ -25,6 +25,7 @@ export function auditView(main) {
   }
 
   async function show() {
+    clearTimeout(retry);
     older.disabled = true;
     try {
       const page = await get(`/audit?limit=${PAGE}${next === null ? "" : `&before=${next}`}`);
@@ -34,7 +35,9 @@ export function auditView(main) {
       older.hidden = next === null;
       summary.textContent = rows.children.length ? `${rows.children.length} entries, newest first` : "Nothing was changed yet.";
     } catch (error) {
-      if (!over) summary.textContent = `the audit log cannot be fetched: ${error.message}`;
+      if (over) return;
+      summary.textContent = `the audit log cannot be fetched: ${error.message}`;
+      if (mayPass(error)) retry = setTimeout(show, AGAIN_MS);
     } finally {
       older.disabled = false;
     }
@@ -43,5 +46,6 @@ export function auditView(main) {
   show();
   return () => {
     over = true;
+    clearTimeout(retry);
   };
 }

@@ -148,7 +148,8 @@ export class Board {
   // Arrow keys walk over the tiles as they lie on the screen; one tile at a time is in the tab order.
   walk(event) {
     const at = this.place?.get(event.target.dataset?.id);
-    if (!at) return;
+    // With these keys they are the browser's, as for the page before.
+    if (!at || event.ctrlKey || event.metaKey || event.altKey) return;
     const [s, i] = at, n = this.sections[s].items.length, here = (k) => this.sections[s].items[k]?.id;
     const next = () => this.sections.slice(s + 1).find((section) => section.items.length)?.items[0].id;
     const before = () => this.sections.slice(0, s).findLast((section) => section.items.length)?.items.at(-1).id;

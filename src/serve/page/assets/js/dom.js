@@ -21,6 +21,19 @@ export const s = (tag, properties, ...children) => build(document.createElementN
 /** A box that scrolls sideways when it must, by keyboard too. */
 export const scroll = (label, ...children) => h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": label }, ...children);
 
+// What stands for a part of a row, whatever row it is in.
+const nameOf = (part) => part.dataset.act ?? part.getAttribute("href") ?? part.textContent;
+
+/** Draws the rows of a table anew; each has its own `key` among its data. What has the focus keeps it: what is called the same in the row of
+ * the same key, else the first part of that row. */
+export function redraw(body, rows, key) {
+  const focused = body.contains(document.activeElement) ? document.activeElement : null, at = focused?.closest("tr")?.dataset[key];
+  body.replaceChildren(...rows);
+  if (at === undefined) return;
+  const row = [...body.children].find((own) => own.dataset[key] === at), parts = [...(row?.querySelectorAll("a, button, summary") ?? [])];
+  (parts.find((own) => nameOf(own) === nameOf(focused)) ?? parts[0])?.focus({ preventScroll: true });
+}
+
 export const byId = (id) => document.getElementById(id);
 
 /** What the browser remembers; nothing where it is told not to remember. */

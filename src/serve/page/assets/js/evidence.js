@@ -5,7 +5,22 @@ import { plot } from "./svg.js";
 import { short } from "./format.js";
 import { chart, charts } from "./trend.js";
 
-const nothing = (box, text) => box.replaceChildren(text);
+const made = new WeakMap();
+
+// Ends the chart in a box: the library holds each until then.
+function ended(box) {
+  made.get(box)?.destroy();
+  made.delete(box);
+}
+
+/** Ends all charts of a page that is left. */
+export const leaveEvidence = (boxes) => Object.values(boxes).forEach(ended);
+
+function nothing(box, text) {
+  ended(box);
+  box.replaceChildren(text);
+}
+
 // Where nearly all values lie, with some air: a single stray one must not make all others small.
 function bulk(...columns) {
   const sorted = columns.flat().filter((v) => v !== null).sort((a, b) => a - b), at = (share) => sorted[Math.round(share * (sorted.length - 1))];
@@ -22,14 +37,16 @@ export async function drawEvidence(boxes, { detail, report, evidence, runs, alar
   const unit = (tag) => detail.values.find((v) => v.tag === tag)?.unit;
   const label = (name, tag) => (unit(tag) ? `${name} [${unit(tag)}]` : name);
   const used = evidence?.window, band = evidence?.band;
+  // A measured stem is drawn over the same axis, in whatever unit it is measured.
+  const measured = used?.mv && unit("mv") !== unit("op") ? `, MV [${unit("mv") || "its own unit"}]` : "";
   if (used) {
     const text = band ? `The dead band plus stick band (2f) is ${short(2 * band.f_op, 3)} ${unit("op") || "OP units"} wide.` : "No band is drawn.";
     pvOp(boxes.pvop, used, band, { x: { label: label("OP", "op"), range: bulk(used.op) }, y: { label: label("PV", "pv"), range: bulk(used.pv) }, height: 340, label: `PV over OP. ${text}` });
-    stemOp(boxes.stem, used, band, { x: { label: label("OP", "op"), range: bulk(used.op) }, y: { label: `stem [${unit("op") || "OP units"}]`, range: bulk(used.stem ?? [], used.mv ?? []) }, height: 340, label: `Stem over OP. ${text}` });
+    stemOp(boxes.stem, used, band, { x: { label: label("OP", "op"), range: bulk(used.op) }, y: { label: `stem [${unit("op") || "OP units"}]${measured}`, range: bulk(used.stem ?? [], used.mv ?? []) }, height: 340, label: `Stem over OP. ${text}` });
   } else for (const box of [boxes.pvop, boxes.stem]) nothing(box, NOT_HERE);
   curve(boxes.aic, report);
   months(boxes.months, detail, report, runs, alarms);
-  await series(boxes, used, evidence?.residual, label);
+  await series(boxes, used, evidence?.residual, label, measured);
 }
 
 function pvOp(box, used, band, options) {
@@ -96,13 +113,13 @@ function course(box, detail, unit, told, alarms) {
   plot(box, layers, { x: { label: "time", time: true, range: [first - air, last + air] }, y: { label: `f [${unit}]`, range: [0, 1.15 * highest || 1] }, height: 280, label: `f over ${told.length} diagnoses` });
 }
 
-const made = new WeakMap();
-
 function timeline(box, columns, series, options) {
-  made.get(box)?.destroy();
+  ended(box);
   box.replaceChildren();
   return charts().then((uPlot) => {
-    made.get(box)?.destroy();
+    // The page may have been left meanwhile.
+    if (!box.isConnected) return;
+    ended(box);
     const one = chart(uPlot, box, series, { ...options, onRange: (from, to) => one.setScale("x", { min: from, max: to }) });
     one.over.addEventListener("dblclick", () => one.setScale("x", { min: columns[0][0], max: columns[0].at(-1) }));
     one.setData(columns, false);
@@ -113,7 +130,7 @@ function timeline(box, columns, series, options) {
 
 const times = (start, period, n) => Array.from({ length: n }, (_, k) => Date.parse(start) / 1000 + k * period);
 
-async function series(boxes, used, residual, label) {
+async function series(boxes, used, residual, label, measured) {
   if (used?.stem) {
     const t = times(used.start, used.ts_s, used.op.length), columns = [t, used.op, used.stem], looks = [{ name: "OP", look: "op" }, { name: "stem", look: "stem" }];
     if (used.mv) {
@@ -121,7 +138,7 @@ async function series(boxes, used, residual, label) {
       looks.push({ name: "MV", look: "mv" });
     }
     // A few swings show the steps; the rest is a zoom away.
-    await timeline(boxes.position, columns, looks, { label: label("OP, stem", "op"), height: 210, from: t[Math.max(0, t.length - 300)] });
+    await timeline(boxes.position, columns, looks, { label: label("OP, stem", "op") + measured, height: 210, from: t[Math.max(0, t.length - 300)] });
   } else nothing(boxes.position, used ? "The stem cannot be estimated: f is not known." : NOT_HERE);
   if (!residual) {
     for (const name of ["series", "spectrum", "acf", "ccf"]) nothing(boxes[name], used ? "Nothing was traced." : NOT_HERE);

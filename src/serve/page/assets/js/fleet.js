@@ -2,8 +2,8 @@
 // pages and searches, so that it is as quick with 100,000 loops as with ten.
 
 import { all, get, often } from "./api.js";
-import { h, scroll } from "./dom.js";
-import { ago, friction, when } from "./format.js";
+import { h, redraw, scroll } from "./dom.js";
+import { ago, costs, friction, short, when } from "./format.js";
 import { isOld, since } from "./live.js";
 import { legend, many, named, placeOf, plantMap, sitesOf } from "./map.js";
 import { kindOf } from "./states.js";
@@ -18,7 +18,9 @@ const FEW = 10; // Sites or units of the table before all are asked for.
 const TYPING_MS = 200;
 
 const PLACES = ["Site", "Unit", "Loops", "Alarms", "Acknowledged", "Sticks, no alarm yet", "Cannot be told", "No sticking shown", "Other"];
-const LOOPS = ["Loop", "Description", "Unit", "State", "Friction", "Diagnosed"];
+// Columns with a class: see app.css.
+const ROOMY = "number roomy";
+const LOOPS = ["Loop", "Description", "Unit", "State", "Friction", ["Score", ROOMY], ["Cost", ROOMY], "Diagnosed"];
 const MACHINES = ["Site", "Machine", "Role", "Version", "State", "Loops", "Behind", "Clock", "Diagnoses", "Runs since", "Certificate until"];
 // The kinds that have a column of their own.
 const COUNTED = ["unacknowledged", "acknowledged", "sticking", "unknown", "sound"];
@@ -26,7 +28,7 @@ const COUNTED = ["unacknowledged", "acknowledged", "sticking", "unknown", "sound
 const seconds = (s) => (s === null ? "–" : s < 120 ? `${s.toFixed(1)} s` : `${(s / 60).toFixed(0)} min`);
 const doubt = (bad, text) => (bad ? h("span", { class: "pill bad" }, text) : text);
 const cells = (...values) => values.map((value) => h("td", null, value));
-const table = (heads, body) => h("table", null, h("thead", null, h("tr", null, ...heads.map((name) => h("th", { scope: "col" }, name)))), body);
+const table = (heads, body) => h("table", null, h("thead", null, h("tr", null, ...heads.map((head) => [head].flat()).map(([name, shape]) => h("th", { scope: "col", class: shape ?? null }, name)))), body);
 const address = (wanted) => (wanted.length ? `#/fleet?${new URLSearchParams(wanted)}` : "#/fleet");
 
 // What is urgent comes first, then what is first by name.
@@ -44,13 +46,6 @@ function machine(own, now) {
   return h("tr", { "data-machine": own.name }, ...cells(own.site ?? "–", own.name, own.role, own.version, state, own.role === "worker" ? "–" : own.loops, lag, clock, own.diagnosed, when(own.since), certificate));
 }
 
-// Draws the rows of a table anew. What has the focus keeps it: the row of the same key.
-function redraw(body, rows, key) {
-  const at = body.contains(document.activeElement) ? document.activeElement.closest("tr").dataset[key] : null;
-  body.replaceChildren(...rows);
-  if (at !== null) [...body.children].find((own) => own.dataset[key] === at)?.querySelector("a").focus({ preventScroll: true });
-}
-
 // What a fleet is, in a sentence.
 function said(fleet) {
   if (fleet.role === "alone") return "This machine is alone: it is no part of a fleet.";
@@ -65,7 +60,8 @@ function said(fleet) {
 function listed(item) {
   const link = h("a", { href: `#/loop/${encodeURIComponent(item.id)}` }, item.id);
   const diagnosed = isOld(item) ? doubt(true, `${when(item.time)}, ${ago(since(item.time))}`) : when(item.time);
-  return h("tr", { "data-id": item.id }, ...cells(link, item.description || "–", item.group || "–", kindOf(item).label, item.verdict && item.f !== null ? friction(item) : "–", diagnosed));
+  return h("tr", { "data-id": item.id }, ...cells(link, item.description || "–", item.group || "–", kindOf(item).label, item.verdict && item.f !== null ? friction(item) : "–"),
+    h("td", { class: ROOMY }, short(item.score, 3)), h("td", { class: ROOMY }, costs(item)), h("td", null, diagnosed));
 }
 
 export function fleetView(main, _parts, query) {

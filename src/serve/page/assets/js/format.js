@@ -36,6 +36,9 @@ export function bytes(count) {
 // Whether no friction is needed, and the record could hide some.
 const hidden = (item) => item.f === 0 && item.f_ci95?.[1] > 0;
 
+/** What the swing of a loop, or of an order's loops, costs. */
+export const costs = (item) => (item.cost === null ? "–" : `${short(item.cost, 3)} ${item.cost_unit}`);
+
 /** f with its interval; without friction the upper end says what the record could have hidden. */
 export function friction(item) {
   if (item.f === null || item.f === undefined) return "–";

@@ -5,7 +5,7 @@ import { acknowledge, shelve, unshelve } from "./actions.js";
 import { h, scroll, toast } from "./dom.js";
 import { ago, frictionNamed, lasting, percent, short, when } from "./format.js";
 import { listen, since, state as known, touch } from "./live.js";
-import { drawEvidence } from "./evidence.js";
+import { drawEvidence, leaveEvidence } from "./evidence.js";
 import { health } from "./health.js";
 import { opinionsPanel } from "./opinions.js";
 import { may } from "./session.js";
@@ -14,8 +14,12 @@ import { trend } from "./trend.js";
 
 const AGE_MS = 30_000; // After how long it is said anew how old things are.
 const OLD_S = 120, SCANS = 10; // A value that is older, and by more than so many sample periods, has its age beside it.
-const AGING = new Set(["age_s", "values"]); // What differs each time it is fetched.
+const TERM_MS = 5_000; // How often write-back is asked for: nothing tells that a term changes.
+const AGING = new Set(["age_s", "values", "writeback"]); // What may differ each time it is fetched, and is drawn by itself.
 
+const link = (id) => h("a", { href: `#/loop/${encodeURIComponent(id)}` }, id);
+// Why it was not at rest by the latest look at the plant; a cause that is not known has no probability.
+const causeLine = ({ time, name, probability, neighbour, why }) => h("p", { class: "cause" }, `Cause by the look at the plant of ${when(time)}: ${name}`, neighbour ? [" ", link(neighbour)] : null, `${probability === null ? "" : `, ${percent(probability)}`}: ${why}.`);
 const card = (title, size, ...children) => h("section", { class: `card ${size}`, "aria-label": title }, h("header", null, h("h2", null, title)), ...children);
 const pairs = (list) => list.map(([name, value]) => h("div", null, h("dt", null, name), h("dd", null, value)));
 
@@ -37,6 +41,8 @@ export function loopView(main, [id]) {
     h("div", { class: "card third" }, h("h3", null, "Spectrum"), figure("spectrum", "A peak is a swing that is not explained yet.")),
     h("div", { class: "card half" }, h("h3", null, "Correlation with its own past"), figure("acf", "Within the dashed lines it is noise.")),
     h("div", { class: "card half" }, h("h3", null, "Correlation with past OP"), figure("ccf", "Outside the dashed lines the valve's way to PV is not fully described."))));
+  const term = h("dl", { class: "facts" }), effect = scroll("Before and with the term");
+  boxes.writeback.append(term, effect);
   const writeback = card("Write-back", "", boxes.writeback);
   const opinions = card("Opinions", "", h("p", { class: "note" }, "What published methods say of the same window. They are information beside the verdict; a line opens what the method looked at."), boxes.opinions), second = opinionsPanel(id, boxes.opinions);
   const indicators = card("Health", "", h("p", { class: "note" }, "How the loop does its work, valve or not: the latest hour beside its shift, day and week."), boxes.health);
@@ -83,7 +89,8 @@ export function loopView(main, [id]) {
     age.title = when(diagnosed);
     const focused = banner.contains(document.activeElement) ? document.activeElement.textContent : null;
     banner.replaceChildren(h("span", { class: "mark" }), h("div", null, h("strong", null, said ? said.words : "Not diagnosed yet."), h("p", null, `${kind.label}${f}`, report ? [" · diagnosed ", age] : null, detail.failure ? ` · latest run: ${words(detail.failure)}` : null),
-      detail.swings_with ? h("p", null, "It swings with ", h("a", { href: `#/loop/${encodeURIComponent(detail.swings_with)}` }, detail.swings_with), `, the likeliest source, and may calm down when ${detail.swings_with} does: see the `, h("a", { href: "#/work" }, "work list"), ".") : null,
+      detail.cause ? causeLine(detail.cause) : null,
+      detail.swings_with ? h("p", null, "It swings with ", link(detail.swings_with), `, the likeliest source, and may calm down when ${detail.swings_with} does: see the `, h("a", { href: "#/work" }, "work list"), ".") : null,
       detail.other_alarms?.length ? h("p", { class: "others" }, h("a", { href: "#/alarms" }, "Other alarms"), `: ${detail.other_alarms.map((one) => `${alarmWords(one.kind)}, ${words(one.state)}`).join("; ")}`) : null), h("div", { class: "acts" }, acts));
     if (focused) [...banner.querySelectorAll("button, a")].find((one) => one.textContent === focused)?.focus();
   }
@@ -153,11 +160,20 @@ export function loopView(main, [id]) {
 
   function drawWriteback(view) {
     const row = (name, key, unit) => h("tr", null, h("th", { scope: "row" }, name), ...["before", "with", "running"].map((of) => h("td", { class: "number" }, view.effect?.[of] ? `${short(view.effect[of][key], 3)}${unit}` : "–")));
-    const table = scroll("Before and with the term", h("table", null, h("thead", null, h("tr", null, ["", "before", "with the term", "under way"].map((text, i) => h("th", { scope: "col", class: i ? "number" : null }, text)))),
-      h("tbody", null, row("length (s)", "length_s", ""), row("ISE", "ise", ""), row("IAE", "iae", ""), row("PV standard deviation", "pv_sd", ""), row("stem travel", "travel_percent", " %"), row("reversals", "reversals", ""))));
-    boxes.writeback.replaceChildren(h("dl", { class: "facts" }, pairs([["state", words(view.state)], ["since", when(view.since)], ["term", `${short(view.term_percent)} %`], ["in force", `${short(view.in_force_percent)} %`],
+    const table = h("table", null, h("thead", null, h("tr", null, ["", "before", "with the term", "under way"].map((text, i) => h("th", { scope: "col", class: i ? "number" : null }, text)))),
+      h("tbody", null, row("length (s)", "length_s", ""), row("ISE", "ise", ""), row("IAE", "iae", ""), row("PV standard deviation", "pv_sd", ""), row("stem travel", "travel_percent", " %"), row("reversals", "reversals", "")));
+    term.replaceChildren(...pairs([["state", words(view.state)], ["since", when(view.since)], ["term", `${short(view.term_percent)} %`], ["in force", `${short(view.in_force_percent)} %`],
       ["ISE before over ISE with", view.effect ? short(view.effect.ise_gain, 3) : "–"], ["stem travel, with over before", view.effect ? short(view.effect.travel_ratio, 3) : "–"], ["granted by", view.grant ? `${view.grant.by}${view.grant.approved_by ? `, approved by ${view.grant.approved_by}` : ", not approved"}` : "nobody"],
-      ["speaks against it", view.denials.map((denial) => denial.text).join("; ") || "nothing"], ["tripped by", view.tripped_by?.text ?? "nothing"]])), table);
+      ["speaks against it", view.denials.map((denial) => denial.text).join("; ") || "nothing"], ["tripped by", view.tripped_by?.text ?? "nothing"]]));
+    // What has the focus is the frame around it.
+    effect.replaceChildren(table);
+  }
+
+  // Where write-back is enabled; what is not answered now is asked for again.
+  async function lookAtTerm() {
+    if (writeback.hidden || document.hidden) return;
+    const view = await get(`${loopPath(id)}/writeback`).catch(() => null);
+    if (view && !over) drawWriteback(view);
   }
 
   function drawFacts(detail, report) {
@@ -206,6 +222,8 @@ export function loopView(main, [id]) {
       if (over) return;
       oldest = Math.max(OLD_S, SCANS * (report?.window.ts_s ?? 0));
       drawValues(detail.values, asked);
+      writeback.hidden = !detail.writeback;
+      if (detail.writeback) drawWriteback(detail.writeback);
       health(id, boxes.health).then((found) => (indicators.hidden = !found), () => {});
       // What is the same is not drawn anew: somebody may be looking into a plot.
       const all = JSON.stringify([detail, report, evidence, model, runs, log], (key, value) => (AGING.has(key) ? undefined : value));
@@ -217,8 +235,6 @@ export function loopView(main, [id]) {
       residual.hidden = !report || !evidence || report.verdict === "not_identifiable" && !report.residual.effects.length;
       if (!residual.hidden) drawEffects(report, evidence, model?.origin);
       opinions.hidden = !second.show(report, evidence?.notes);
-      writeback.hidden = !detail.writeback;
-      if (detail.writeback) drawWriteback(detail.writeback);
       const measured = detail.values.some((v) => v.tag === "mv");
       for (const key of cards.querySelectorAll(".keys .mv")) key.hidden = !measured;
       const draw = () => drawEvidence(boxes, { detail, report, evidence, runs: runs.items, alarms: log.items });
@@ -263,14 +279,16 @@ export function loopView(main, [id]) {
   addEventListener("recolour", recoloured);
   // Each change of the loop, and all of them where nobody knows what was missed.
   const end = listen((name, data) => name === "loops" && (data === null ? known.complete : data.has(id)) && show());
-  const endAges = often(grow, AGE_MS);
+  const endAges = often(grow, AGE_MS), endTerm = often(lookAtTerm, TERM_MS);
   show();
   return () => {
     over = true;
     endAges();
+    endTerm();
     clearTimeout(retry);
     end();
     endTrend?.();
+    leaveEvidence(boxes);
     removeEventListener("resize", resized);
     removeEventListener("recolour", recoloured);
   };

@@ -53,6 +53,7 @@ export function opinionsPanel(id, box) {
   const open = new Map();
 
   async function load(opinion, target) {
+    delete target.dataset.failed;
     target.replaceChildren("loading …");
     try {
       const { pictures } = await get(`${loopPath(id)}/opinions/${opinion.method}`);
@@ -62,6 +63,7 @@ export function opinionsPanel(id, box) {
       draw();
       if (open.has(opinion.method)) open.set(opinion.method, draw);
     } catch (error) {
+      target.dataset.failed = "";
       target.replaceChildren(h("p", { class: "note" }, error.message));
     }
   }
@@ -75,7 +77,7 @@ export function opinionsPanel(id, box) {
     details.addEventListener("toggle", () => {
       if (!details.open) return open.delete(opinion.method);
       if (!open.has(opinion.method)) open.set(opinion.method, () => {});
-      if (!target.childNodes.length) load(opinion, target);
+      if (!target.childNodes.length || "failed" in target.dataset) load(opinion, target);
     });
     return h("li", null, details);
   }

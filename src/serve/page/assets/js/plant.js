@@ -7,11 +7,14 @@ import { listen, loops, state } from "./live.js";
 import { filtersOf, KINDS, kindOf } from "./states.js";
 import { forget } from "./tiles.js";
 
+const UNKNOWN = 101; // Behind every score.
 const byName = (a, b) => (a.id < b.id ? -1 : a.id > b.id ? 1 : 0);
 const byF = (a, b) => (b.f ?? -1) - (a.f ?? -1) || byName(a, b);
 const SORTS = {
   severity: ["Severity", (a, b) => kindOf(a).rank - kindOf(b).rank || byF(a, b)],
   f: ["Friction f", byF],
+  score: ["Score", (a, b) => (a.score ?? UNKNOWN) - (b.score ?? UNKNOWN) || byName(a, b)],
+  cost: ["Cost", (a, b) => (b.cost ?? -1) - (a.cost ?? -1) || byName(a, b)],
   id: ["Name", byName],
   time: ["Latest diagnosis", (a, b) => (b.time ?? "").localeCompare(a.time ?? "") || byName(a, b)],
 };

@@ -25,7 +25,7 @@ export function settingsView(main) {
       const [system, list] = await Promise.all([get("/system"), all("/collectors")]);
       if (over) return;
       const s = system.scheduler;
-      facts.replaceChildren(...pairs([["version", system.version], ["write-back", system.writeback_built_in ? "built in" : "not built in: this binary only reads"], ["running since", when(system.started)], ["memory", bytes(system.memory_bytes)], ["of it, samples", bytes(system.history_bytes)], ["loops", system.loops], ["tags", system.tags], ["places for listeners left", system.event_places_left]]));
+      facts.replaceChildren(...pairs([["version", system.build], ["write-back", system.writeback_built_in ? "built in" : "not built in: this binary only reads"], ["running since", when(system.started)], ["memory", bytes(system.memory_bytes)], ["of it, samples", bytes(system.history_bytes)], ["loops", system.loops], ["tags", system.tags], ["places for listeners left", system.event_places_left]]));
       runs.replaceChildren(...pairs([["waiting", s.queued], ["under way", s.running], ["done", s.diagnosed], ["skipped", s.skipped], ["too late", s.deadline_exceeded], ["failed inside", s.panicked], ["time spent", lasting(s.busy_s)], ["on average", s.diagnosed ? `${short(s.busy_s / s.diagnosed, 3)} s` : "–"]]));
       drawDevices(list.items);
       const sections = Map.groupBy ? Map.groupBy(system.settings, (one) => one.section) : new Map([["", system.settings]]);

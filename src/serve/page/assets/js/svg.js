@@ -25,11 +25,21 @@ function logTicks(low, high) {
 
 const STEPS = [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 21600, 43200, 86400];
 
-// Times (ms) at round local clock times.
+// The time (ms) at which clocks here show what those of UTC show at another, to the hour.
+function shownHere(utc) {
+  const own = new Date(utc);
+  return new Date(own.getUTCFullYear(), own.getUTCMonth(), own.getUTCDate(), own.getUTCHours()).getTime();
+}
+
+// Times (ms) at round local clock times, also behind a change to or from summer time. Steps of an hour and less stay round by themselves.
 function timeTicks(low, high, count) {
   const raw = (high - low) / count / 1000, step = 1000 * (STEPS.find((seconds) => seconds >= raw) ?? Math.ceil(raw / 86400) * 86400);
   const zone = new Date(low).getTimezoneOffset() * 60000, found = [];
-  for (let t = Math.ceil((low - zone) / step) * step + zone; t <= high; t += step) found.push(t);
+  for (let utc = Math.ceil((low - zone) / step) * step; ; utc += step) {
+    const t = step > 36e5 ? shownHere(utc) : utc + zone;
+    if (!(t <= high)) break;
+    if (t >= low) found.push(t);
+  }
   const text = ([time, date]) => (date && (step >= 864e5 || time === "00:00:00") ? date : `${date} ${time.slice(0, step >= 60000 ? 5 : 8)}`.trim());
   return ticked(found).map((own, i) => [found[i], text(own)]);
 }

@@ -1,7 +1,7 @@
 // One loop as a tile. Tiles live as long as their loops; a refresh changes what changed.
 
 import { h } from "./dom.js";
-import { ago, friction, frictionNamed, short, when } from "./format.js";
+import { ago, costs, friction, frictionNamed, short, when } from "./format.js";
 import { isOld, since } from "./live.js";
 import { kindOf, whyNot, words } from "./states.js";
 
@@ -41,7 +41,7 @@ export function tileOf(item) {
   tile.text.textContent = item.description || item.group;
   tile.value.textContent = valueOf(item);
   tile.bar.style.width = sticks && item.f_unit === PERCENT ? `${Math.min(100, (100 * item.f) / FULL)}%` : "0";
-  const lines = [`${item.id}: ${kind.label}`, item.description, item.group, item.words, item.verdict && item.verdict !== "not_identifiable" && frictionNamed(item), item.doubtful && "other methods contradict this", item.failure && `latest run: ${words(item.failure)}`, item.time && `diagnosed ${when(item.time)}`, old && `that is ${age}: it should have been diagnosed again`];
+  const lines = [`${item.id}: ${kind.label}`, item.description, item.group, item.words, item.verdict && item.verdict !== "not_identifiable" && frictionNamed(item), item.score !== null && `score ${short(item.score, 3)} of 100`, item.cost !== null && `its swing costs ${costs(item)}`, item.doubtful && "other methods contradict this", item.failure && `latest run: ${words(item.failure)}`, item.time && `diagnosed ${when(item.time)}`, old && `that is ${age}: it should have been diagnosed again`];
   tile.link.title = lines.filter(Boolean).join("\n");
   tile.link.setAttribute("aria-label", [item.id, kind.label, sticks && `f ${friction(item)}`, old && "old", item.description, item.group].filter(Boolean).join(", "));
   return tile.link;

@@ -69,12 +69,12 @@ export async function trend(box, id, period, onValues) {
   // shown and in all that is remembered.
   const columns = new Map(), units = new Map(), latest = new Map(), usual = new Map(), usualOfAll = new Map();
   const changes = new Set(); // Tags whose source may send changes only.
-  let span = period ? Math.max(60, 12 * period) : 1800, fixed = null, newest = 0, late = 0, drawn = 0, plots = [], shown = [], quiet = new Map(), asked = 0, busy = false, retry = null, over = false, reach = null, waiting = [];
+  let span = period ? Math.max(60, 12 * period) : 1800, fixed = null, newest = 0, late = 0, drawn = 0, plots = [], shown = [], quiet = new Map(), asked = 0, busy = false, retry = null, over = false, oldest = null, waiting = [];
   const above = h("div"), below = h("div"), readout = h("p", { class: "note", "aria-live": "off" }, " ");
   const follow = h("button", { type: "button", on: { click: () => live() } }, "Live");
   const button = (text, label, act) => h("button", { type: "button", "aria-label": label, title: label, on: { click: act } }, text);
   const spans = [[period ? "12 swings" : "30 min", span], ...SPANS].map(([text, seconds]) => h("button", { type: "button", "data-span": seconds, on: { click: () => ((span = seconds), live()) } }, text));
-  const tools = h("div", { class: "ranges", role: "toolbar", "aria-label": "Time range" }, follow, ...spans, button("All", "Everything that is remembered", () => fix(...(reach ?? [newest - span, newest]))),
+  const tools = h("div", { class: "ranges", role: "toolbar", "aria-label": "Time range" }, follow, ...spans, button("All", "Everything that is remembered", whole),
     button("◀", "Earlier", () => pan(-0.4)), button("▶", "Later", () => pan(0.4)), button("+", "Zoom in", () => zoom(0.5)), button("−", "Zoom out", () => zoom(2)));
   const frame = h("div", { class: "trend", tabindex: "0", role: "group", "aria-label": "Trend: arrow keys move in time, plus and minus zoom, L follows what arrives" }, above, below);
   box.replaceChildren(tools, frame, readout);
@@ -98,6 +98,12 @@ export async function trend(box, id, period, onValues) {
     fixed = [from, Math.max(to, from + 1)];
     paint();
     reload();
+  }
+  // What is remembered goes on while the page is open, at both ends.
+  async function whole() {
+    const mine = ++asked;
+    await fetched(mine).catch(() => {});
+    if (!over && mine === asked) fix(oldest ?? newest - span, newest);
   }
   const pan = (share) => (([from, to]) => fix(from + share * (to - from), to + share * (to - from)))(window_());
   const zoom = (factor, at = 0.5) => (([from, to]) => fix(from + (1 - factor) * at * (to - from), to - (1 - factor) * (1 - at) * (to - from)))(window_());
@@ -153,7 +159,7 @@ export async function trend(box, id, period, onValues) {
     reached(tags);
     if (!fixed) waiting.forEach(take);
     const starts = tags.map(({ time }) => Date.parse(time[0]) / 1000).filter(Number.isFinite);
-    if (from === undefined && starts.length) reach = [Math.min(...starts), newest];
+    if (from === undefined && starts.length) oldest = Math.min(...starts);
     return true;
   }
 
@@ -194,7 +200,10 @@ export async function trend(box, id, period, onValues) {
     const has = (tag) => columns.has(tag);
     const named = (tag) => ({ name: tag.toUpperCase(), unit: units.get(tag), look: tag, tag, holds: () => holds(tag) });
     shown = [["pv", "sp"].filter(has).map(named), ["op", "mv"].filter(has).map(named)];
-    const label = (some) => some.map((one) => one.name).join(", ") + (some[0]?.unit ? ` [${some[0].unit}]` : "");
+    const label = (some) => {
+      const unit = (one) => (one.unit ? ` [${one.unit}]` : ""), same = some.every((one) => one.unit === some[0].unit);
+      return some.map((one, i) => one.name + (same && i < some.length - 1 ? "" : unit(one))).join(", ");
+    };
     plots = shown.map((some, i) => chart(uPlot, i ? below : above, some, { label: label(some), height: HIGH[i], sync: SYNC, times: i === 1, onRange: fix, onCursor: (at) => at !== null && at !== undefined && i === 0 && tell(at) }));
     plots.forEach((plot) => plot.over.addEventListener("dblclick", live));
     plots.forEach((plot) => plot.over.addEventListener("wheel", (event) => {
@@ -248,7 +257,8 @@ export async function trend(box, id, period, onValues) {
 
   frame.addEventListener("keydown", (event) => {
     const act = { ArrowLeft: () => pan(-0.25), ArrowRight: () => pan(0.25), "+": () => zoom(0.5), "=": () => zoom(0.5), "-": () => zoom(2), l: live, L: live }[event.key];
-    if (!act) return;
+    // With these keys they are the browser's, as to make all larger.
+    if (!act || event.ctrlKey || event.metaKey || event.altKey) return;
     event.preventDefault();
     act();
   });

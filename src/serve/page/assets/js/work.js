@@ -2,8 +2,8 @@
 
 import { workAct } from "./actions.js";
 import { get, href, often } from "./api.js";
-import { h, scroll } from "./dom.js";
-import { percent, short, when } from "./format.js";
+import { h, redraw, scroll } from "./dom.js";
+import { costs, percent, short, when } from "./format.js";
 import { loops } from "./live.js";
 import { may } from "./session.js";
 
@@ -22,14 +22,15 @@ function victims(list) {
   return [...names(list.slice(0, VICTIMS)), h("details", null, h("summary", null, `and ${list.length - VICTIMS} more`), names(list.slice(VICTIMS)))];
 }
 
-function changed({ before, after }) {
+// An order may be open again for long, and somebody may open it before a look has decided.
+function changed({ state, before, after }) {
   if (!before || before.error_sd === null) return null;
-  const sd = (own) => short(own.error_sd, 3);
-  return h("small", null, after ? ` Error's standard deviation ${sd(before)} before the repair, ${sd(after)} since.` : ` Error's standard deviation ${sd(before)} before the repair; a later look decides.`);
+  const sd = (own) => short(own.error_sd, 3), then = after ? `, ${sd(after)} after it` : state === "repaired" ? "; a later look decides" : "";
+  return h("small", null, ` Error's standard deviation ${sd(before)} before the repair${then}.`);
 }
 
 export function workView(main, _parts, query) {
-  let over = false, wanted = PAGE, list = null;
+  let over = false, wanted = PAGE, list = null, drawn = null;
   const all = query.get("show") === "all";
   const tabs = h("nav", { "aria-label": "Work" }, h("a", { href: "#/work", "aria-current": all ? null : "page" }, "To do"), h("a", { href: "#/work?show=all", "aria-current": all ? "page" : null }, "All, watched and over too"), h("a", { href: "#/groups" }, "Groups that swing together"));
   const summary = h("p", { class: "summary", role: "status" }, "loading …"), rows = h("tbody");
@@ -48,7 +49,7 @@ export function workView(main, _parts, query) {
       h("td", null, h("span", { class: "mark" }), link(item.id), " ", h("small", null, loops.get(item.id)?.description ?? "")),
       h("td", null, item.state, h("small", null, ` since ${when(item.since)}`), item.reopened ? h("small", null, `, ${item.reopened} ${item.reopened === 1 ? "repair" : "repairs"} did not help`) : null),
       h("td", null, item.cause ?? "–", sure), h("td", { class: "what" }, item.why, changed(item)), h("td", { class: "what" }, victims(item.victims)),
-      h("td", { class: "number" }, item.cost === null ? "–" : `${short(item.cost, 3)} ${item.cost_unit}`), h("td", null, [item.by, item.note].filter(Boolean).join(": ")),
+      h("td", { class: "number" }, costs(item)), h("td", null, [item.by, item.note].filter(Boolean).join(": ")),
       h("td", { class: "act" }, may("operator") ? (MAY[item.state] ?? []).map(button) : null));
   }
 
@@ -64,9 +65,10 @@ export function workView(main, _parts, query) {
       const fresh = await get(`/work?all=${all}`);
       if (over) return;
       list = fresh;
-      const focused = document.activeElement?.dataset?.act;
-      rows.replaceChildren(...list.items.slice(0, wanted).map(row));
-      if (focused) main.querySelector(`[data-act="${CSS.escape(focused)}"]`)?.focus();
+      // What is the same is not drawn anew: somebody may be reading it, or press a button of it.
+      const now = JSON.stringify(list.items.map((item) => [item, loops.get(item.id)?.description]));
+      if (now !== drawn) redraw(rows, list.items.slice(0, wanted).map(row), "id");
+      drawn = now;
       more.hidden = list.items.length <= wanted;
       const watched = list.watched ? `; ${list.watched} suspected, not for long enough yet` : "";
       summary.textContent = `${list.standing ? `${list.standing} to do` : "There is nothing to do"}${watched}.`;
