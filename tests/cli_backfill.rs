@@ -167,6 +167,31 @@ fn a_mode_that_was_told_before_the_first_window_is_in_force_in_it() {
     assert!(manual(&item) && item["verdict"] == "not_identifiable", "{item}");
 }
 
+/// As the daemon, which has OP's unit from the configuration: twelve alone may be milliamperes or per cent.
+#[test]
+fn the_unit_of_op_in_a_store_tells_its_span() {
+    let name = format!("cli-backfill-unit-{}", std::process::id());
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let _ = fs::remove_dir_all(&folder);
+    let example = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/example.csv");
+    let example = table::record(Path::new(example)).expect("the example is there");
+    let tag = |tag: &str, unit: &str, scale: f64, offset: f64, samples: &[Sample]| {
+        let (control_loop, tag, source) = ("A".into(), tag.into(), "a node".into());
+        let tag = Arc::new(TagName { control_loop, tag, source, unit: unit.into() });
+        let moved = |s: &Sample| Sample::good(500_000.0 + s.t, offset + scale * s.value);
+        Series { tag, samples: samples.iter().map(moved).collect() }
+    };
+    let series = vec![tag("op", "mA", 0.16, 4.0, &example.op), tag("pv", "m3/h", 1.0, 0.0, &example.pv)];
+    let mut store = Store::open(&store::Config::new(&folder)).expect("opens");
+    store.write(&Batch { series, rows: Vec::new() }).expect("writes");
+    drop(store);
+    let timeline = backfill(&folder, &["--loop", "A"]);
+    fs::remove_dir_all(&folder).expect("it was made");
+    assert_eq!(timeline["items"][0]["f_unit"], "% OP", "{timeline}");
+    let f = timeline["items"][0]["f"].as_f64().expect("it sticks");
+    assert!((f - 0.5).abs() < 0.05, "{timeline}");
+}
+
 #[test]
 fn numbers_that_count_from_1970_or_as_spreadsheets_do_are_diagnosed_at_their_time() {
     let folder =
@@ -196,4 +221,34 @@ fn numbers_that_count_from_1970_or_as_spreadsheets_do_are_diagnosed_at_their_tim
         assert!(is(&timeline["items"][0]["to"], 599), "{unit}: {}", timeline["items"]);
     }
     fs::remove_dir_all(&folder).expect("writable");
+}
+
+#[test]
+fn what_cannot_be_done_is_told_and_costs_no_report() {
+    let example = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/example.csv");
+    let run = |args: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_stictiond"));
+        let output = command.arg("backfill").args(args).output().expect("runs");
+        let [out, err] = [output.stdout, output.stderr].map(|text| String::from_utf8(text).expect("text"));
+        (output.status.code(), out, err)
+    };
+    let (code, out, err) = run(&[example, "--format", "json", "--plot", "/dev/full"]);
+    assert!(code == Some(1) && err.starts_with("stictiond: /dev/full: "), "{err}");
+    let report: Value = serde_json::from_str(&out).expect("the report");
+    assert!(report["items"].as_array().is_some_and(|items| !items.is_empty()), "{report}");
+
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("cli-future-{}", std::process::id()));
+    let into = folder.to_str().expect("text");
+    let server = ["plant.toml", "--loop", "A", "--from", "0", "--into", into];
+    for (args, says) in [
+        (&[example, "--plot", "no/such/folder/p.svg"][..], "lies in a folder that is not there"),
+        (&[example, "--from", "5", "--to-time", "4"], "--from is later than --to-time"),
+        (&[example, "--from", "1e9"], "no two samples of PV with different times in the time that --from"),
+        (&[&server[..], &["--to-time", "2900-01-01T00:00:00Z"]].concat(), "--to-time is in the future"),
+    ] {
+        let (code, out, err) = run(args);
+        assert_eq!((code, out.as_str(), err.lines().count()), (Some(2), "", 1), "{err}");
+        assert!(err.contains(says), "{err}");
+    }
+    assert!(!folder.exists(), "nothing was begun");
 }

@@ -67,6 +67,26 @@ fn every_method_and_the_program_are_counted_and_the_page_stands_alone() {
 }
 
 #[test]
+fn what_a_table_does_not_say_is_told_for_all_of_the_folder() {
+    let folder = drawn("columns", "loop,file,label\nFIC103,sticky.csv,stiction\n");
+    let sticky = folder.join("sticky.csv");
+    let text = fs::read_to_string(&sticky).expect("the example is there");
+    let renamed = text.replacen("t,op,pv,sp", "when,first,second,third", 1);
+    assert_ne!(text, renamed);
+    fs::write(&sticky, renamed).expect("writable");
+    let output = benchmark(&folder, &["--format", "json"]);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() == Some(2) && said.contains("sticky.csv: "), "{said}");
+    let columns = ["--time", "when", "--op", "first", "--pv", "second", "--sp", "third", "--time-unit", "s"];
+    let output = benchmark(&folder, &[&columns[..], &["--format", "json"]].concat());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let found: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let judges = found["judges"].as_array().expect("judges");
+    let program = judges.iter().find(|judge| judge["method"] == "program").expect("counted");
+    assert_eq!(program["found"]["n"], 1, "{program}");
+}
+
+#[test]
 fn a_folder_that_cannot_be_used_is_refused_in_one_line() {
     for (name, index, why) in [
         ("label", "loop,file,label\nA,sticky.csv,perhaps\n", "line 2: label 'perhaps'"),
@@ -81,6 +101,12 @@ fn a_folder_that_cannot_be_used_is_refused_in_one_line() {
         assert!(said.contains(why) && said.lines().count() == 1, "{name}: {said}");
     }
     assert_eq!(benchmark(Path::new("no/such/folder"), &[]).status.code(), Some(2));
+    let folder = drawn("page", INDEX);
+    let index = folder.join("index.csv");
+    let output = benchmark(&folder, &["--html", index.to_str().expect("text")]);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() == Some(2) && said.contains("is no .html or .htm"), "{said}");
+    assert_eq!(fs::read_to_string(index).expect("text"), INDEX);
 }
 
 #[test]

@@ -107,6 +107,32 @@ fn probe_fails_in_one_line() {
 }
 
 #[test]
+fn probe_names_the_file_and_what_in_it_cannot_be_used() {
+    let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join("probe.toml");
+    let path = file.display();
+    let server = "[[opcua]]\nname = 's'\nurl = 'opc.tcp://localhost:4840/'\nsecurity_policy = 'None'\n";
+    for (text, says) in [
+        (
+            server.replace("security_policy", "security_polcy"),
+            format!("stictiond: {path}: [[opcua]] \"s\": unknown field `security_polcy`"),
+        ),
+        (server.replace("'s'", "s"), format!("{path}:2:8: a text stands in quotes: write name = \"s\"\n")),
+        (
+            server.replace("'s'", "'t'"),
+            format!("stictiond: {path}: no [[opcua]] or [[mqtt]] is called \"s\""),
+        ),
+    ] {
+        fs::write(&file, text).unwrap();
+        let (code, stdout, stderr) = stictiond(&["probe", "--config", file.to_str().unwrap(), "s"]);
+        assert_eq!((code, stdout.as_str()), (Some(2), ""), "{stderr}");
+        assert!(stderr.starts_with(&says), "{stderr}");
+    }
+    let missing = file.with_extension("none");
+    let (code, _, stderr) = stictiond(&["probe", "--config", missing.to_str().unwrap(), "s"]);
+    assert!(code == Some(2) && stderr.contains("cannot read: No such file: look at the path"), "{stderr}");
+}
+
+#[test]
 fn a_list_of_tags_becomes_loops_that_check_takes() {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
     let (list, file) = (folder.join("list.csv"), folder.join("imported.toml"));

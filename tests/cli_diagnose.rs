@@ -81,6 +81,25 @@ fn what_is_no_record_is_refused_in_one_line() {
     refused(Path::new(env!("CARGO_TARGET_TMPDIR")), "directory");
 }
 
+/// As from `zcat week.csv.gz |`: a table is read twice, and of a named pipe the second reading would wait for ever.
+#[test]
+fn a_pipe_is_refused_with_what_to_do() {
+    for command in ["diagnose", "backfill", "import-tags"] {
+        let child = Command::new(env!("CARGO_BIN_EXE_stictiond"))
+            .args([command, "/dev/stdin"])
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the binary starts");
+        let output = child.wait_with_output().expect("it ends");
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!((output.status.code(), output.stdout.len()), (Some(2), 0), "{command}: {stderr}");
+        let says = "stictiond: /dev/stdin: is a pipe or a device, and a table is read twice: save it";
+        assert!(stderr.starts_with(says), "{command}: {stderr}");
+    }
+}
+
 #[test]
 fn what_cannot_be_judged_is_a_verdict() {
     not_identifiable(&file("two_samples.csv", rows(2, |k| format!("{k},{k},{k}"))));
@@ -202,7 +221,10 @@ fn formats_and_arguments() {
         assert!(output.stdout.is_empty() && !output.stderr.is_empty(), "{args:?}");
     }
     assert_eq!(stictiond(&["--help"]).status.code(), Some(0));
-    assert_eq!(stictiond(&["--version"]).status.code(), Some(0));
+    let version = stictiond(&["--version"]);
+    assert_eq!(version.status.code(), Some(0));
+    let told = String::from_utf8(version.stdout).expect("text");
+    assert_eq!(told.trim_end(), format!("stictiond {}", stictiond::version::BUILD));
 }
 
 #[test]
@@ -237,6 +259,98 @@ fn a_reader_that_stops_early_is_no_failure() {
     let output = child.wait_with_output().unwrap();
     assert_eq!(String::from_utf8_lossy(&output.stderr), "");
     assert_eq!(output.status.code(), Some(0));
+}
+
+/// Neither the report nor a file that is something else.
+#[test]
+fn a_picture_that_cannot_be_made_costs_nothing() {
+    let example = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/example.csv");
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    let other = file("other_record.csv", "t,op,pv\n0,1,2\n");
+    for (to, says) in [
+        (other.clone(), "is there already and is no .svg"),
+        (folder.join("no_such_folder/picture.svg"), "lies in a folder that is not there"),
+        (folder.to_path_buf(), "is a folder"),
+    ] {
+        let to = to.to_str().expect("a text path");
+        let output = stictiond(&["diagnose", example, "--plot", to]);
+        let stderr = String::from_utf8(output.stderr).expect("text");
+        assert_eq!((output.status.code(), output.stdout.len()), (Some(2), 0), "{stderr}");
+        assert!(stderr.starts_with(&format!("stictiond: {to}: ")) && stderr.contains(says), "{stderr}");
+    }
+    assert_eq!(fs::read_to_string(&other).expect("text"), "t,op,pv\n0,1,2\n");
+
+    // As on a disk that is full after some kilobytes.
+    let picture = folder.join("full.svg");
+    let _ = fs::remove_file(&picture);
+    let limited = "trap '' XFSZ; ulimit -f 4; exec \"$0\" \"$@\"";
+    let args = ["-c", limited, env!("CARGO_BIN_EXE_stictiond"), "diagnose", example, "--plot"];
+    let output = Command::new("sh").args(args).arg(&picture).output().expect("sh is there");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{stderr}");
+    assert!(stderr.starts_with(&format!("stictiond: {}: ", picture.display())), "{stderr}");
+    let report: serde_json::Value = serde_json::from_slice(&output.stdout).expect("the report");
+    assert_eq!(report["verdict"], "stiction");
+    assert!(!picture.exists(), "half a picture");
+
+    // Nor the picture of the run before, also behind a link.
+    let link = folder.join("link_to_full.svg");
+    let _ = fs::remove_file(&link);
+    std::os::unix::fs::symlink(&picture, &link).expect("a link");
+    let drawn = stictiond(&["diagnose", example, "--plot", link.to_str().expect("a text path")]);
+    assert_eq!(drawn.status.code(), Some(0));
+    let good = fs::read_to_string(&picture).expect("a picture");
+    assert!(good.starts_with("<svg") && good.len() > 4096, "{}", good.len());
+    let output = Command::new("sh").args(args).arg(&link).output().expect("sh is there");
+    assert_eq!(output.status.code(), Some(1));
+    assert_eq!(fs::read_to_string(&picture).expect("still there"), good);
+    assert!(link.is_symlink());
+    let beside = fs::read_dir(folder).expect("readable").filter_map(Result::ok);
+    let left: Vec<_> =
+        beside.filter(|own| own.file_name().to_string_lossy().starts_with("full.svg.")).collect();
+    assert!(left.is_empty(), "{left:?}");
+}
+
+/// Under any name a run that is repeated draws its picture anew.
+#[test]
+fn a_picture_replaces_an_empty_file_and_a_picture() {
+    let example = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/example.csv");
+    let named = file("picture.out", "");
+    for begun in ["", "<SVG of another program>"] {
+        fs::write(&named, begun).expect("writable");
+        for _ in 0..2 {
+            let output = stictiond(&["diagnose", example, "--plot", named.to_str().expect("a text path")]);
+            assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+            assert!(fs::read_to_string(&named).expect("text").starts_with("<svg xmlns"));
+        }
+    }
+    // Behind the report, into whatever stdout is.
+    let all = file("report_and_picture.txt", "");
+    let status = Command::new(env!("CARGO_BIN_EXE_stictiond"))
+        .args(["diagnose", example, "--format", "json", "--plot", "/dev/stdout"])
+        .stdout(fs::File::create(&all).expect("writable"))
+        .status()
+        .expect("the binary starts");
+    assert_eq!(status.code(), Some(0));
+    let all = fs::read_to_string(&all).expect("text");
+    assert!(
+        all.starts_with('{') && all.contains("}\n<svg xmlns") && all.trim_end().ends_with("</svg>"),
+        "{all}"
+    );
+}
+
+#[test]
+fn a_message_that_nobody_can_read_is_no_failure() {
+    let path = file("two_for_a_picture.csv", rows(2, |k| format!("{k},{k},{k}")));
+    let full = fs::OpenOptions::new().write(true).open("/dev/full").expect("a device that takes nothing");
+    let output = Command::new(env!("CARGO_BIN_EXE_stictiond"))
+        .args(["diagnose", path.to_str().expect("a text path"), "--plot"])
+        .arg(path.with_extension("svg"))
+        .stderr(full)
+        .output()
+        .expect("the binary starts");
+    assert_eq!(output.status.code(), Some(0));
+    assert!(!output.stdout.is_empty());
 }
 
 /// The example with OP in another unit: the same valve, in per cent of its span, and where that is known from.
@@ -285,6 +399,13 @@ fn the_span_of_op_is_told_by_limits_unit_or_values() {
     let doubt = told(&scaled("milli.csv", "op", 0.16, 4.0), &[]);
     assert_eq!((doubt["op_span_source"].as_str(), doubt["op_span"].is_null()), (Some("unknown"), true));
     assert_eq!(doubt["f_unit"], "OP units");
+    // 20 to 100 of another unit are no per cent.
+    let pneumatic = told(&scaled("kilopascal.csv", "op [kPa]", 0.8, 20.0), &[]);
+    assert_eq!(
+        (pneumatic["op_span_source"].as_str(), pneumatic["op_span"].is_null()),
+        (Some("unknown"), true)
+    );
+    assert_eq!(pneumatic["f_unit"], "OP units");
     let example = scaled("contradiction.csv", "op", 1.0, 0.0);
     for args in [&["--op-span", "1", "--op-limits", "0,100"][..], &["--op-span", "1"]] {
         let output = stictiond(&[&["diagnose", example.to_str().expect("text")], args].concat());

@@ -14,6 +14,7 @@ use stictiond::serve::dto::{BasisText, Report};
 use stictiond::signal::{BadReason, LoopId, Quality, Record, Role, Sample, Series};
 use stictiond::sim::{demo_plant, simulate};
 use stictiond::store::{self, Batch, DiagnosisRow, Row, Store, TagName, pack};
+use stictiond::version::BUILD;
 
 /// 2026-01-01T00:00:00Z.
 const START: f64 = 1_767_225_600.0;
@@ -123,7 +124,7 @@ fn row(run: &Run) -> Row {
         outcome: run.outcome.as_str().into(),
         report: pack(&report),
         basis: pack(&basis),
-        version: env!("CARGO_PKG_VERSION").into(),
+        version: BUILD.into(),
         ..DiagnosisRow::default()
     })
 }
@@ -212,6 +213,39 @@ fn a_recorded_day_gives_identical_diagnoses() {
 }
 
 #[test]
+fn what_a_table_does_not_say_is_told_by_the_options_of_tables() {
+    let folder = folder("replay-table");
+    let plant = config(&folder).display().to_string();
+    let [op, pv] = day(1);
+    // Until the first run of A, and a little longer; both values of a row have one stamp.
+    let rows = op.iter().zip(&pv).take_while(|(op, _)| op.t < START + 0.27 * PERIOD_S);
+    let (mut long, mut wide) = ("loop,tag,t,value\n".to_string(), "when;first;second\n".to_string());
+    for (op, pv) in rows {
+        long += &format!("A,op,{:.3},{}\nA,pv,{:.3},{}\n", op.t, op.value, op.t, pv.value);
+        wide += &format!("{:.3};{};{}\n", op.t, op.value, pv.value);
+    }
+    let file = |name: &str, text: &str| {
+        let path = folder.join(name);
+        fs::write(&path, text).expect("writable");
+        path.display().to_string()
+    };
+    let (long, wide) = (file("long.csv", &long), file("wide.csv", &wide));
+    let (code, named, err) = replay(&[&long, "--config", &plant]);
+    assert_eq!((code, err.as_str()), (Some(0), ""), "{named}");
+    let [run, count] = &named.lines().collect::<Vec<_>>()[..] else { panic!("one run: {named}") };
+    assert!(run.contains("  A  stiction  f "), "the run says too little: {run}");
+    assert_eq!(*count, "1 diagnoses; an export has none to compare them with");
+    // Columns that nobody knows, of a loop that is named nowhere.
+    let (code, _, err) = replay(&[&wide, "--config", &plant]);
+    assert_eq!(code, Some(2), "{err}");
+    let told = ["--loop", "A", "--time", "when", "--op", "first", "--pv", "second", "--time-unit", "s"];
+    let (code, told, err) = replay(&[&[wide.as_str(), "--config", plant.as_str()][..], &told[..]].concat());
+    assert_eq!((code, err.as_str()), (Some(0), ""), "{told}");
+    assert_eq!(told, named);
+    fs::remove_dir_all(&folder).expect("writable");
+}
+
+#[test]
 fn a_bundle_gives_the_same_report_and_what_is_none_is_refused() {
     let folder = folder("replay-bundle");
     let (own, other) = (day(1), day(0));
@@ -233,6 +267,14 @@ fn a_bundle_gives_the_same_report_and_what_is_none_is_refused() {
     let (code, out, err) = replay(&[&file("good.json", &good)]);
     assert_eq!((code, err.as_str()), (Some(0), ""), "{out}");
     assert!(out.ends_with("1 of 1 diagnoses identical to the recorded, bit for bit\n"), "{out}");
+    // What is told of a table would be left out in silence.
+    for (record, what) in [(folder.join("good.json"), "a bundle"), (folder.clone(), "a store")] {
+        for told in [["--loop", "A"], ["--op", "OUT"], ["--tz", "UTC"]] {
+            let (code, _, err) = replay(&[&[record.to_str().expect("text")][..], &told[..]].concat());
+            assert_eq!(code, Some(2), "{err}");
+            assert!(err.contains(&format!("{what} says itself which loops and tags it has")), "{err}");
+        }
+    }
 
     // Of a run whose source was silent that is told again, whatever its samples say.
     let silent = Silent { tag: Role::Pv, since: START + 39_998.0 };

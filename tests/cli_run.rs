@@ -5,6 +5,7 @@ use std::io::{BufRead, BufReader};
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStderr, Command, Stdio};
+use std::time::Duration;
 
 /// A configuration that listens on `listen` and polls a port where nobody answers.
 fn config(name: &str, listen: &str) -> PathBuf {
@@ -93,6 +94,72 @@ fn a_log_filter_that_is_none_is_refused() {
     let stderr = String::from_utf8(output.stderr).unwrap();
     assert_eq!((output.status.code(), stderr.lines().count()), (Some(2), 1), "{stderr}");
     assert!(stderr.starts_with("stictiond: RUST_LOG=\"stictiond=loud\": "), "{stderr}");
+}
+
+/// As a container file sets a variable that it has no value for.
+#[test]
+fn a_log_filter_that_is_empty_is_as_none() {
+    let log = Path::new(env!("CARGO_TARGET_TMPDIR")).join("run_empty_filter.log");
+    let path = config("run_empty_filter.toml", "127.0.0.1:0");
+    for empty in ["", " "] {
+        let stderr = fs::File::create(&log).expect("the test directory is writable");
+        let mut child = run(&path).env("RUST_LOG", empty).stderr(stderr).spawn().unwrap();
+        let serves = (0..600).any(|_| {
+            let said = fs::read_to_string(&log).unwrap().contains("serving");
+            if !said {
+                std::thread::sleep(Duration::from_millis(50));
+            }
+            said
+        });
+        signal(&child, "-TERM");
+        assert_eq!(child.wait().unwrap().code(), Some(0));
+        assert!(serves, "{empty:?}: {}", fs::read_to_string(&log).unwrap());
+    }
+}
+
+/// A daemon that has refused a file goes on with the one before, and whoever watches its health must not end it for that.
+#[test]
+fn a_file_that_a_daemon_has_refused_does_not_count_against_its_health() {
+    let path = config("health_refused.toml", "127.0.0.1:0");
+    let health = |more: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_stictiond"));
+        let output = command.args(["health", "--config"]).arg(&path).args(more).output().unwrap();
+        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    };
+    let mut child = run(&path).spawn().unwrap();
+    let mut log = BufReader::new(child.stderr.take().unwrap());
+    let address = wait_for(&mut log, "serving")["address"].as_str().unwrap().to_string();
+    let text = fs::read_to_string(&path).unwrap().replace("127.0.0.1:0", &address);
+    fs::write(&path, text + "[[loop]]\nid = FIC101\n").unwrap();
+    signal(&child, "-HUP");
+    wait_for(&mut log, "the configuration is refused");
+    assert_eq!(health(&[]), (Some(0), String::new()));
+    // A file that does not even say where the daemon listens, or is not there: its address is told.
+    let refused = fs::read_to_string(&path).unwrap();
+    for broken in ["[server]\nlisten = 1\n", "[server]\nlis"] {
+        fs::write(&path, broken).unwrap();
+        assert_eq!(health(&[&address]), (Some(0), String::new()), "{broken}");
+    }
+    fs::remove_file(&path).unwrap();
+    assert_eq!(health(&[&address]), (Some(0), String::new()));
+    fs::write(&path, refused).unwrap();
+    signal(&child, "-TERM");
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+    // Where none answers the file may be why.
+    let (code, why) = health(&[]);
+    assert!(code == Some(2) && why.contains("write id = \"FIC101\""), "{why}");
+}
+
+/// Two daemons would write the same registers, and the same audit log.
+#[test]
+fn a_demo_that_writes_makes_no_configuration_for_another_daemon() {
+    let to = Path::new(env!("CARGO_TARGET_TMPDIR")).join("demo_writes.toml");
+    let mut demo = Command::new(env!("CARGO_BIN_EXE_stictiond"));
+    // It would not begin at this speed.
+    let output = demo.args(["demo", "--writeback", "--speed", "0", "--config-to"]).arg(&to).output().unwrap();
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.code() == Some(2) && stderr.contains("cannot be used with"), "{stderr}");
+    assert!(!to.exists());
 }
 
 #[test]

@@ -87,6 +87,31 @@ fn what_is_exported_can_be_imported_and_checked() {
     fs::remove_dir_all(&folder).expect("writable");
 }
 
+/// Its database is whole: so nothing is salvaged and no file is put aside.
+#[test]
+fn a_second_copy_that_is_emptied_is_told_and_written_anew() {
+    let folder = folder("cli-store-copy");
+    let own = folder.join("own").display().to_string();
+    filled(Path::new(&own));
+    let copy = Path::new(&own).join("states.log");
+    fs::write(&copy, "").expect("writable");
+    let (code, out, err) = run(&["check", &own]);
+    assert_eq!((code, err), (Some(1), format!("stictiond: {own}: 1 things are damaged\n")), "{out}");
+    assert!(out.contains("damaged     states.log") && out.contains("1 of 1 records cannot be read"), "{out}");
+    let store = Store::open(&Config::new(&own)).expect("opens");
+    fs::write(&copy, "").expect("writable");
+    let (code, _, err) = run(&["check", "--repair", &own]);
+    assert!(code == Some(1) && err.contains("in use by another process"), "{err}");
+    drop(store);
+    let (code, out, err) = run(&["check", "--repair", &own]);
+    assert_eq!((code, err.as_str()), (Some(0), ""), "{out}");
+    assert!(out.contains("what lies beside the database is made anew"), "{out}");
+    let (code, out, _) = run(&["check", &own]);
+    assert!(code == Some(0) && out.starts_with(&format!("{own}: good, version ")), "{out}");
+    assert!(!Path::new(&own).join("damaged-1").exists());
+    fs::remove_dir_all(&folder).expect("writable");
+}
+
 #[test]
 fn bad_arguments_end_with_2_and_a_store_in_use_with_1() {
     let folder = folder("cli-store-bad");
@@ -98,14 +123,20 @@ fn bad_arguments_end_with_2_and_a_store_in_use_with_1() {
         (vec!["check", &nowhere], 2, "there is no store"),
         (vec!["export", &own, &path("out.txt")], 2, "must end in .csv or .parquet"),
         (vec!["export", &own, &path("out.csv"), "--from", "5", "--to-time", "4"], 2, "--from is later"),
+        (
+            vec!["export", &own, &path("out.csv"), "--loop", "A", "--loop", "B"],
+            2,
+            "no loop \"B\" in this store",
+        ),
         (vec!["import", &own, &path("bad.csv")], 2, "no column t, op, pv"),
+        (vec!["import", &path("new"), "/dev/null"], 2, "is a pipe or a device, and a table is read twice"),
         (vec!["import", &own, &path("gone.csv")], 2, "gone.csv"),
     ] {
         let (ended, out, err) = run(&arguments);
         assert_eq!((ended, out.as_str()), (Some(code), ""), "{err}");
         assert!(err.starts_with("stictiond: ") && err.contains(said), "{err}");
     }
-    assert!(!Path::new(&path("out.csv")).exists());
+    assert!(!Path::new(&path("out.csv")).exists() && !Path::new(&path("new")).exists());
     let store = Store::open(&Config::new(&own)).expect("opens");
     let (code, _, err) = run(&["import", &own, &path("bad.csv")]);
     assert!(code == Some(1) && err.contains("in use by another process"), "{err}");

@@ -1,5 +1,15 @@
 //! The demo from the plant's registers to the verdicts in the API, over real sockets, at the speed it has by default.
 
+#[path = "demo/rates.rs"]
+mod rates;
+#[path = "demo/reading.rs"]
+mod reading;
+#[cfg(feature = "writeback")]
+#[path = "demo/terms.rs"]
+mod terms;
+
+use rates::Rated;
+use reading::Reader;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
@@ -10,8 +20,7 @@ use stictiond::diagnosis::Settings;
 use stictiond::results::Event;
 use stictiond::signal::{Record, Sample};
 use stictiond::sim::{DemoLoop, Recording, demo_plant, plant::record};
-use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use tokio::net::{TcpListener, TcpStream};
+use tokio::net::TcpListener;
 use tokio::sync::broadcast::{Receiver, error::RecvError};
 use tokio::time::timeout;
 
@@ -22,20 +31,8 @@ fn options() -> Options {
     Options { listen: SocketAddr::from(([127, 0, 0, 1], 0)), speed: DEFAULT_SPEED, seed: 1, writeback: false }
 }
 
-async fn get(address: SocketAddr, path: &str) -> Value {
-    let mut stream = TcpStream::connect(address).await.expect("the API listens");
-    let request = format!("GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n");
-    stream.write_all(request.as_bytes()).await.expect("the API takes a request");
-    let mut answer = String::new();
-    stream.read_to_string(&mut answer).await.expect("the API answers in UTF-8");
-    let (head, body) = answer.split_once("\r\n\r\n").expect("an HTTP answer");
-    assert!(head.starts_with("HTTP/1.1 200"), "{path}: {head}");
-    serde_json::from_str(body).expect("the API answers in JSON")
-}
-
-/// Every loop whose verdict in the API is not the one to expect, with what it is.
-async fn wrong(address: SocketAddr, loops: &[DemoLoop]) -> BTreeMap<String, String> {
-    let list = get(address, "/api/v1/loops?limit=100").await;
+/// Every loop whose verdict in the API's list is not the one to expect, with what it is.
+fn wrong(list: &Value, loops: &[DemoLoop]) -> BTreeMap<String, String> {
     let items = list["items"].as_array().expect("a list of loops");
     assert_eq!(items.len(), loops.len());
     loops
@@ -66,17 +63,49 @@ async fn next_run(events: &mut Receiver<Event>) {
     }
 }
 
+/// The rates of `examples/demo_rates.rs`, on what has been diagnosed so far.
+///
+/// The diagnoses of a loop within its first minute share their samples, and the later take over the effects of the earlier. So
+/// there are 20 draws, one for each loop, and an effect counts once on each. Where an effect is invented on 2 %, more than one of
+/// 20 loops has one with a probability of 1 - 0.98^20 - 20 * 0.02 * 0.98^19 = 6 %. Where it is 10 %, it is 61 %: at most one is
+/// allowed.
+///
+/// A loop misses where most of its intervals do. An interval that holds in 95 % of all loops misses on more than one of the nine that
+/// stick with 7 %, and one that holds in 70 % with 80 %: again at most one is allowed.
+async fn few_effects_are_invented_and_intervals_hold(reader: &mut Reader, loops: &[DemoLoop]) {
+    let mut rated = Vec::new();
+    for demo in loops {
+        let diagnoses = reader.diagnoses(&demo.id).await.expect("the API answers");
+        rated.push(Rated::new(demo.clone(), &diagnoses));
+    }
+    println!("{}", rates::table(&rated).join("\n"));
+    let is_read = |own: &Rated| own.count.unread < own.count.diagnoses;
+    assert!(rated.iter().all(is_read), "no effects were read of a loop");
+    let effects = |own: &Rated| {
+        let (id, kinds) = (own.demo.id.clone(), own.count.invented.keys().cloned().collect::<Vec<_>>());
+        kinds.into_iter().map(move |kind| format!("{id} {kind}"))
+    };
+    let invented: Vec<String> = rated.iter().flat_map(effects).collect();
+    assert!(invented.len() <= 1, "invented: {invented:?}");
+    let sticking: Vec<&Rated> = rated.iter().filter(|own| own.demo.truth.sticky).collect();
+    assert!(sticking.iter().all(|own| own.count.intervals > 0), "a sticking loop has no interval of f");
+    let misses = |own: &&&Rated| 2 * own.count.covering < own.count.intervals;
+    let missed: Vec<&str> = sticking.iter().filter(misses).map(|own| own.demo.id.as_str()).collect();
+    assert!(missed.len() <= 1, "S/2 is outside of the interval of f: {missed:?}");
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn a_minute_after_the_start_every_loop_has_its_right_verdict() {
     let demo = Demo::build(&options()).await.expect("builds on port 0");
     let (address, loops, stop) = (demo.address(), demo.loops().to_vec(), demo.stop());
     let mut events = demo.results().subscribe();
     let running = tokio::spawn(demo.run(Screen::new(Vec::new(), false)));
+    let mut reader = Reader::new(address);
     let mut left = BTreeMap::new();
     let judged = timeout(A_MINUTE, async {
         loop {
             next_run(&mut events).await;
-            left = wrong(address, &loops).await;
+            left = wrong(&reader.look().await.expect("the API answers"), &loops);
             if left.is_empty() {
                 return;
             }
@@ -85,23 +114,14 @@ async fn a_minute_after_the_start_every_loop_has_its_right_verdict() {
     .await;
     assert!(judged.is_ok(), "after a minute: {left:#?}");
 
-    // f beside S/2, over all sticky loops.
-    let list = get(address, "/api/v1/loops?limit=100").await;
+    let list = reader.look().await.expect("the API answers");
+    let items = list["items"].as_array().expect("a list of loops");
     for demo in loops.iter().filter(|demo| demo.truth.sticky) {
-        let item = list["items"]
-            .as_array()
-            .and_then(|items| items.iter().find(|item| item["id"] == demo.id.as_str()));
-        let item = item.expect("listed");
-        let f = item["f"].as_f64().expect("a sticky loop has f");
-        println!(
-            "{} {:18} S/2 {:.2} f {f:.2} {}",
-            demo.id,
-            demo.truth.kind,
-            0.5 * demo.truth.s,
-            item["f_ci95"]
-        );
+        let item = items.iter().find(|item| item["id"] == demo.id.as_str()).expect("listed");
+        assert!(item["f"].is_f64(), "{}: a sticky loop has f", demo.id);
         assert_eq!(item["f_unit"], "% OP");
     }
+    few_effects_are_invented_and_intervals_hold(&mut reader, &loops).await;
 
     stop.cancel();
     // Ctrl-C cancels the same token: it ends well below the 5 s after which connections would be cut.
@@ -168,6 +188,26 @@ async fn a_taken_address_is_named() {
     assert_eq!(text.lines().count(), 1);
 }
 
+/// A terminal whose reader has gone, as `| head` goes.
+struct Gone;
+
+impl std::io::Write for Gone {
+    fn write(&mut self, _: &[u8]) -> std::io::Result<usize> {
+        Err(std::io::ErrorKind::BrokenPipe.into())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_reader_that_stops_early_ends_the_demo_and_is_no_failure() {
+    let demo = Demo::build(&options()).await.expect("builds on port 0");
+    let ended = timeout(A_MINUTE, demo.run(Screen::new(Gone, false))).await;
+    ended.expect("ends by itself").expect("ends well");
+}
+
 #[tokio::test]
 async fn a_speed_that_polls_cannot_follow_is_refused() {
     for speed in [0.0, -1.0, 1e4, f64::NAN] {
@@ -177,25 +217,32 @@ async fn a_speed_that_polls_cannot_follow_is_refused() {
 }
 
 /// The closed loop over Modbus: the daemon polls the plant, finds the valves, two persons grant and approve, and the DCS side
-/// adds what the daemon writes. On the strongly sticky loops ISE falls at least tenfold.
+/// adds what the daemon writes. On the strongly sticky loops ISE falls at least tenfold. Meanwhile no diagnosis says that a valve
+/// under a term is sound, and no alarm on one returns.
 #[cfg(feature = "writeback")]
 #[tokio::test(flavor = "multi_thread")]
 async fn with_write_back_ise_falls_tenfold_on_the_strongly_sticky_loops() {
     use stictiond::compensation::gate::State;
     use stictiond::demo::WRITEBACK_SPEED;
     use stictiond::signal::LoopId;
+    use terms::Terms;
     use tokio::time::{Instant, sleep};
 
     let demo =
         Demo::build(&Options { speed: WRITEBACK_SPEED, writeback: true, ..options() }).await.expect("builds");
     let (writeback, stop, loops) = (demo.writeback(), demo.stop(), demo.loops().to_vec());
+    let (mut events, mut terms) = (demo.results().subscribe(), Terms::default());
     let audit = demo.audit().expect("on record").to_path_buf();
     let running = tokio::spawn(demo.run(Screen::new(Vec::new(), false)));
     let status = |own: &DemoLoop| writeback.status(&LoopId::new(own.id.as_str()));
     let strong: Vec<&DemoLoop> = loops.iter().filter(|own| own.truth.kind == "strong stiction").collect();
     assert_eq!(strong.len(), 3);
-    // Data for a verdict, the stretch before and the stretch with the term: twice that with the term: a minute; the plant waits
-    // for a computer that pauses.
+    // As many diagnoses as an alarm looks back on before it returns: it could have.
+    let looks_back = stictiond::alarm::Config::default().clear_n;
+    let is_judged =
+        |terms: &Terms, own: &DemoLoop| terms.diagnosed(&LoopId::new(own.id.as_str())) >= looks_back;
+    // Data for a verdict, the stretch before and twice that with the term, and the diagnoses under it: two minutes; the plant
+    // waits for a computer that pauses.
     let deadline = Instant::now() + 8 * A_MINUTE;
     // The first stretch holds the way out of the old oscillation: the one after it counts.
     let mut seen = BTreeMap::new();
@@ -206,9 +253,16 @@ async fn with_write_back_ise_falls_tenfold_on_the_strongly_sticky_loops() {
         *last = with;
         *stretches >= 2
     };
-    while strong.iter().filter(&mut later).count() < strong.len() {
+    loop {
+        terms.drain(&mut events);
+        assert!(terms.wrong().is_empty(), "{:?}", terms.wrong());
+        let is_measured = strong.iter().filter(&mut later).count() == strong.len();
+        if is_measured && terms.alarms() > 0 && strong.iter().all(|own| is_judged(&terms, own)) {
+            break;
+        }
         let state = |own: &&DemoLoop| status(own).map(|s| (s.state, s.denials, s.tripped_by));
-        assert!(Instant::now() < deadline, "{:?}", strong.iter().map(state).collect::<Vec<_>>());
+        let states = || strong.iter().map(state).collect::<Vec<_>>();
+        assert!(Instant::now() < deadline, "{} alarms under terms, {:?}", terms.alarms(), states());
         // Write-back has no events of its own; the API's are for those who may miss some.
         sleep(Duration::from_millis(50)).await;
     }

@@ -1,18 +1,15 @@
 //! `stictiond backfill SOURCE`: what the daemon would have said over a long record, window by window.
 
-mod sources;
+pub(super) mod sources;
 
 use super::diagnose::{above_zero, limits};
 use super::format::Format;
-use super::{Failure, print};
+use super::{Failure, output, print};
 use std::fmt::Write as _;
-use std::fs;
 use std::io::{self, IsTerminal, Write as _};
 use std::path::PathBuf;
-use stictiond::alarm;
 use stictiond::app::App;
-use stictiond::backfill::{self, Marked, Timeline, timeline, usual_cut};
-use stictiond::diagnosis::Settings;
+use stictiond::backfill::{BackfillError, Marked, Past, Timeline, timeline, usual_cut};
 use stictiond::plot::{Panel, Plot, Series, sheet, thin};
 use stictiond::serve::dto::backfill::{BackfillItem, BackfillReport};
 use stictiond::signal::{self, LoopId, Record};
@@ -76,8 +73,20 @@ pub struct Args {
 
 /// Reads, cuts, diagnoses, prints.
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let bad = |error: &dyn std::fmt::Display| Failure::in_file(&args.source, error);
-    let sources::Read { mut past, name, read_as, op_unit } = sources::past(args)?;
+    output::may_be_made(args.plot.as_deref(), output::PICTURE)?;
+    if args.from.zip(args.to_time).is_some_and(|(from, to)| from > to) {
+        return Err(Failure::BadInput("--from is later than --to-time".to_string()));
+    }
+    let bad = |error: &BackfillError| {
+        let within = match error {
+            BackfillError::Empty if args.from.or(args.to_time).is_some() => {
+                " in the time that --from and --to-time name"
+            }
+            _ => "",
+        };
+        Failure::in_file(&args.source, format!("{error}{within}"))
+    };
+    let sources::Read { mut past, name, read_as, op_unit, settings, alarms } = sources::past(args)?;
     // The span may have to be found from all values of OP, whatever window they are of.
     let mut record = Record { op: past.all("op").into_owned(), ..std::mem::take(&mut past.known) };
     record.op_limits = args.op_limits.or(record.op_limits);
@@ -85,9 +94,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     super::table::scale(&args.source, &mut record, given, op_unit.as_deref())?;
     past.known = Record { op: Vec::new(), ..record };
     let marked = Marked::from(past);
-    let drawn = args.plot.as_ref().map(|_| ["op", "pv"].map(|tag| trend(&marked.past.all(tag))));
-    let cut = usual_cut(&marked.past, args.window, args.step)
-        .ok_or_else(|| bad(&backfill::BackfillError::Empty))?;
+    let drawn = args.plot.as_ref().map(|_| trends(&marked.past));
+    let cut = usual_cut(&marked.past, args.window, args.step).ok_or_else(|| bad(&BackfillError::Empty))?;
     let judge = App::diagnosis();
     let id = LoopId::new(name.as_str());
     let bar = Bar::new();
@@ -95,24 +103,24 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         bar.show(done, all);
         true
     };
-    let alarms = alarm::Config::default();
-    let found = timeline(&id, marked, cut, &Settings::default(), &alarms, judge.as_ref(), progress)
+    let found = timeline(&id, marked, cut, &settings, &alarms, judge.as_ref(), progress)
         .map_err(|error| bad(&error))?;
     bar.end();
     let mut report = BackfillReport::new(&name, &found);
     report.read_as = read_as;
-    if let (Some(to), Some(trends)) = (&args.plot, drawn) {
-        fs::write(to, picture(&name, trends, &found, &report))
-            .map_err(|error| Failure::in_file(to, &error))?;
-    }
     match args.format.unwrap_or_else(Format::usual) {
-        Format::Text => print(&page(&report)),
+        Format::Text => print(&page(&report, (alarms.k, alarms.n)))?,
         Format::Json => {
             let mut json = serde_json::to_string_pretty(&report)
                 .map_err(|error| Failure::Failed(format!("cannot write the timeline: {error}")))?;
             json.push('\n');
-            print(&json)
+            print(&json)?;
         }
+    }
+    // The report comes first: a picture that cannot be made takes nothing away from it.
+    match args.plot.as_deref().zip(drawn) {
+        Some((to, trends)) => output::write(to, &picture(&name, trends, &found, &report)),
+        None => Ok(()),
     }
 }
 
@@ -141,8 +149,8 @@ impl Bar {
     }
 }
 
-/// The timeline for a person: a line a window, then what it comes to.
-fn page(report: &BackfillReport) -> String {
+/// The timeline for a person: a line a window, then what it comes to, where `k` of `n` raise the alarm.
+fn page(report: &BackfillReport, (k, n): (usize, usize)) -> String {
     let begin = report.begin.unwrap_or_default();
     let since = |t: Option<f64>| t.map_or("-".into(), |t| format!("{:.1} h", (t - begin) / HOUR));
     let mut out = report.read_as.as_ref().map(|read_as| format!("read as: {read_as}\n")).unwrap_or_default();
@@ -190,11 +198,15 @@ fn page(report: &BackfillReport) -> String {
     if report.alarms.is_empty() {
         let all = report.items.len();
         let judged = report.items.iter().filter(|item| item.verdict != NOT_IDENTIFIABLE).count();
-        let _ = match judged {
-            0 => writeln!(out, "no alarm: none of {all} windows could be judged"),
+        let _ = match (judged, n) {
+            (0, _) => writeln!(out, "no alarm: none of {all} windows could be judged"),
+            (_, 1) => writeln!(
+                out,
+                "no alarm: {judged} of {all} windows could be judged, and none of these says that the valve sticks"
+            ),
             _ => writeln!(
                 out,
-                "no alarm: {judged} of {all} windows could be judged, and no two of three of these in a row say that the valve sticks"
+                "no alarm: {judged} of {all} windows could be judged, and no {k} of {n} of these in a row say that the valve sticks"
             ),
         };
     }
@@ -221,9 +233,14 @@ fn verdict_words(verdict: &str) -> String {
     if verdict == NOT_IDENTIFIABLE { "cannot be told".into() } else { verdict.replace('_', " ") }
 }
 
-/// Good samples over time, and those that are not as places.
-fn trend(series: &[signal::Sample]) -> [Vec<(f64, f64)>; 2] {
-    let begin = series.first().map_or(0.0, |s| s.t);
+/// OP and PV over the time since the record began: since the first sample of PV, as the timeline has it. OP may begin before.
+fn trends(past: &Past) -> [[Vec<(f64, f64)>; 2]; 2] {
+    let begin = past.all("pv").first().map_or(0.0, |s| s.t);
+    ["op", "pv"].map(|tag| trend(&past.all(tag), begin))
+}
+
+/// Good samples over the time since `begin` (s), and those that are not as places.
+fn trend(series: &[signal::Sample], begin: f64) -> [Vec<(f64, f64)>; 2] {
     let place = |s: &signal::Sample| ((s.t - begin) / HOUR, s.value);
     let good: Vec<(f64, f64)> = series.iter().filter(|s| s.quality.is_good()).map(place).collect();
     let bad = series.iter().filter(|s| !s.quality.is_good()).map(place).collect();
@@ -292,4 +309,37 @@ fn picture(
         marks,
     };
     sheet(&[plot])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use stictiond::signal::Sample;
+
+    #[test]
+    fn an_alarm_of_one_window_is_not_told_by_windows_in_a_row() {
+        let report = serde_json::json!({
+            "loop": "FIC101", "window_s": 7200.0, "step_s": 3600.0, "op_drop_outs": 0, "pv_drop_outs": 0, "alarms": [],
+            "items": [{"verdict": "no_stiction", "reason": "", "f_unit": "% OP", "effects": []}]
+        });
+        let report: BackfillReport = serde_json::from_value(report).expect("a report");
+        let one = "no alarm: 1 of 1 windows could be judged, and none of these says that the valve sticks\n";
+        assert!(page(&report, (1, 1)).ends_with(one), "{}", page(&report, (1, 1)));
+        assert!(page(&report, (3, 4)).contains("and no 3 of 4 of these in a row say"));
+    }
+
+    #[test]
+    fn op_and_pv_are_drawn_over_the_same_time() {
+        // OP was recorded two hours before PV was.
+        let minutes = |from: u32| -> Vec<Sample> {
+            (from..240).map(|minute| Sample::good(60.0 * f64::from(minute), f64::from(minute))).collect()
+        };
+        let record = Record { op: minutes(0), pv: minutes(120), ..Record::default() };
+        let [op, pv] = trends(&Past::from(record)).map(|[good, _]| good);
+        assert_eq!((op[0], pv[0]), ((-2.0, 0.0), (0.0, 120.0)));
+        // The last point only ends the curve.
+        let last = |curve: &[(f64, f64)]| curve[curve.len() - 2];
+        assert_eq!(last(&op), last(&pv));
+        assert_eq!(last(&pv).1, 239.0);
+    }
 }

@@ -1,7 +1,7 @@
 //! `stictiond benchmark DIR`: the published methods and the program on labelled records.
 
 use super::format::Format;
-use super::{Failure, print, table};
+use super::{Failure, output, print, table};
 use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -15,7 +15,7 @@ use stictiond::results::Judged;
 use stictiond::serve::dto::benchmark::{BenchmarkJudge, BenchmarkRecord, BenchmarkReport};
 use stictiond::serve::report::{mark, of_benchmark, share};
 use stictiond::signal::{Record, Window};
-use stictiond::table::{Options, Table};
+use stictiond::table::Table;
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -27,6 +27,8 @@ pub struct Args {
     /// Write it as one HTML page too
     #[arg(long, value_name = "FILE.html")]
     html: Option<PathBuf>,
+    #[command(flatten)]
+    table: table::TableArgs,
 }
 
 /// A line of the index.
@@ -46,12 +48,13 @@ struct Heard {
 
 /// Reads, judges, prints.
 pub fn run(args: &Args) -> Result<(), Failure> {
+    output::may_be_made(args.html.as_deref(), output::PAGE)?;
     let listed = index(&args.folder)?;
     let mut tallies = vec![Tally::default(); Method::ALL.len() + 1];
     let mut times = vec![Vec::new(); tallies.len()];
     let mut records = Vec::with_capacity(listed.len());
     for own in listed {
-        let Table { mut record, found: read } = table::read(&own.file, &Options::default())?;
+        let Table { mut record, found: read } = args.table.read(&own.file, None)?;
         table::scale_one_of_many(&own.file, &mut record, read.op_unit.as_deref())?;
         let heard = hear(&record, own.integrates);
         for (at, (says, ms)) in heard.says.iter().zip(&heard.ms).enumerate() {
@@ -81,11 +84,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             print(&json)?;
         }
     }
-    if let Some(to) = &args.html {
-        fs::write(to, of_benchmark(&found))
-            .map_err(|error| Failure::Failed(format!("{}: {error}", to.display())))?;
+    match &args.html {
+        Some(to) => output::write(to, &of_benchmark(&found)),
+        None => Ok(()),
     }
-    Ok(())
 }
 
 /// The records that the folder's index.csv names.
@@ -136,9 +138,11 @@ fn hear(record: &Record, integrates: Option<bool>) -> Heard {
         Verdict::NoStiction => Says::Sound,
         Verdict::NotIdentifiable(_) => Says::CannotTell,
     };
+    let found = judged.diagnosis.verdict;
     let window = judged.diagnosis.window.unwrap_or_default();
     let blind = Window { mv: None, ..window.clone() };
-    let (facts, seen) = (Facts::new(&blind, integrates), Facts::new(&window, integrates));
+    let [facts, seen] = [&blind, &window].map(|window| Facts::new(window, integrates));
+    let [facts, seen] = [facts, seen].map(|facts| facts.map(|facts| facts.with_verdict(&found)));
     let one = |method: Method| {
         let facts = if method == Method::StemLoop { &seen } else { &facts };
         timed(|| match facts {

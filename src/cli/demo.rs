@@ -20,8 +20,8 @@ pub struct Args {
     /// Reinforce the sticky loops: two demo operators grant and approve, the simulated DCS adds the terms
     #[arg(long)]
     writeback: bool,
-    /// Write here with which configuration another daemon watches the same plant
-    #[arg(long, value_name = "FILE")]
+    /// Write here with which configuration another daemon watches the same plant; not with --writeback, since terms have one writer
+    #[arg(long, value_name = "FILE", conflicts_with = "writeback")]
     config_to: Option<PathBuf>,
     #[command(flatten)]
     log: logging::LogArgs,
@@ -30,7 +30,7 @@ pub struct Args {
 /// Runs until it is told to stop.
 pub fn run(args: &Args) -> Result<(), Failure> {
     // The log would run through the table: it is written only where it is asked for.
-    if std::env::var_os("RUST_LOG").is_some() {
+    if logging::chosen().is_some() {
         logging::start(&args.log)?;
     }
     let usual = if args.writeback { WRITEBACK_SPEED } else { DEFAULT_SPEED };

@@ -1,8 +1,8 @@
 //! `stictiond diagnose FILE.csv`: one record to one report on stdout.
 
 use super::format::Format;
-use super::{Failure, plot, print, table, text};
-use std::fs;
+use super::{Failure, output, plot, print, table, text};
+use std::io::{self, Write};
 use std::path::PathBuf;
 use stictiond::detectors::integration::told_by_name;
 use stictiond::diagnosis::{Settings, diagnose};
@@ -50,6 +50,7 @@ pub fn limits(text: &str) -> Result<(f64, f64), String> {
 
 /// Reads, diagnoses, prints.
 pub fn run(args: &Args) -> Result<(), Failure> {
+    output::may_be_made(args.plot.as_deref(), output::PICTURE)?;
     let Table { mut record, found: read } = args.table.read(&args.file, args.of_loop.as_deref())?;
     record.op_limits = args.op_limits;
     table::scale(&args.file, &mut record, args.op_span, read.op_unit.as_deref())?;
@@ -74,11 +75,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     // The report comes first: a picture that cannot be made takes nothing away from it.
     match drawn {
         None => Ok(()),
-        Some((to, Some(svg))) => {
-            fs::write(to, svg).map_err(|error| Failure::Failed(format!("{}: {error}", to.display())))
-        }
+        Some((to, Some(svg))) => output::write(to, &svg),
         Some((to, None)) => {
-            eprintln!(
+            // Nobody is left to tell when stderr is closed.
+            let _ = writeln!(
+                io::stderr(),
                 "stictiond: {}: nothing to draw: the record does not hold a window that can be fitted",
                 to.display()
             );

@@ -50,9 +50,14 @@ fn host_and_port(text: &str) -> Result<String, String> {
 
 /// Asks once.
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let server = match &args.config {
-        Some(path) => config::load(path).map_err(Failure::BadConfig)?.server,
-        None => stictiond::serve::Config::default(),
+    let (server, wrong) = match &args.config {
+        Some(path) => match config::server(path) {
+            // A file that says nothing any more does not end the daemon either. Whoever gave the address asks there, by TLS only where
+            // --ca-file says so: whether the daemon listens by TLS stood in the file. Without an address nobody knows where to ask.
+            Err(wrong) if args.address.is_some() => (stictiond::serve::Config::default(), wrong),
+            found => found.map_err(Failure::BadConfig)?,
+        },
+        None => (stictiond::serve::Config::default(), Vec::new()),
     };
     let address = args.address.clone().unwrap_or_else(|| reachable(server.listen).to_string());
     let failed = |error: &dyn std::fmt::Display| Failure::Failed(format!("{address}: {error}"));
@@ -60,8 +65,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         true => Some(tls(args).map_err(Failure::BadInput)?),
         false => None,
     };
-    let status =
-        ask(&address, tls, Duration::from_millis(args.timeout_ms)).map_err(|error| failed(&error))?;
+    let asked = ask(&address, tls, Duration::from_millis(args.timeout_ms));
+    let status = asked.map_err(|error| match wrong.is_empty() {
+        true => failed(&error),
+        // A daemon that answers has refused a wrong file. Where none answers, the file may be why.
+        false => Failure::BadConfig(wrong),
+    })?;
     match status.split_whitespace().nth(1) {
         Some("200") => print("ok\n"),
         _ => Err(failed(&format!("answers {status:?}"))),

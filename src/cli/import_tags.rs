@@ -2,11 +2,12 @@
 //! each loop with a column for each role.
 
 use super::{Failure, print};
-use std::path::PathBuf;
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
 use stictiond::collect::stub::{self, Tag, quoted};
 use stictiond::config;
 use stictiond::signal::Role;
-use stictiond::table::{self, Options, Source, TextRow};
+use stictiond::table::{self, LoopColumns, Options, Source, TextRow};
 
 /// Rows that are read, at most.
 const MAX_ROWS: usize = 200_000;
@@ -97,6 +98,7 @@ pub struct Args {
 
 /// Prints the sections; what was left out stands in comments.
 pub fn run(args: &Args) -> Result<(), Failure> {
+    super::table::readable_twice(&args.list)?;
     let refused = |why: String| Failure::in_file(&args.list, why);
     let options =
         Options { sheet: args.sheet.clone(), encoding: args.encoding.clone(), ..Options::default() };
@@ -120,6 +122,16 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         stub.remarks(),
         stub.text
     ))
+}
+
+/// The columns of each loop in a table that has those of several, by a list of tags: a row for each loop, whose columns `op`, `pv` and
+/// the like name columns of the table, or a row for each of these, with `loop`, `role` and `tag`.
+pub fn loop_columns(path: &Path) -> Result<Vec<LoopColumns>, Failure> {
+    super::table::readable_twice(path)?;
+    let rows = table::texts(Source::File(path), &Options::default(), MAX_ROWS, is_header);
+    let rows = rows.map_err(|error| super::table::failure(path, &error))?;
+    let loops = List::of(rows, &[]).and_then(|list| list.loop_columns());
+    loops.map_err(|why| Failure::in_file(path, why))
 }
 
 /// A list of tags, its columns by the names of keys.
@@ -205,6 +217,45 @@ impl List {
             }
         }
         Ok(tags)
+    }
+}
+
+impl List {
+    /// The columns of each loop, where the list is one of the columns of a table.
+    fn loop_columns(&self) -> Result<Vec<LoopColumns>, String> {
+        let at = |name: &str| self.header.iter().position(|own| own == name);
+        let mut all: Vec<LoopColumns> = Vec::new();
+        let mut places: HashMap<&str, usize> = HashMap::new();
+        for (line, row) in &self.rows {
+            let filled = |at: usize| row.get(at).map(String::as_str).filter(|cell| !cell.is_empty());
+            let cell = |name: &str| at(name).and_then(filled);
+            let needed = |name: &str| {
+                cell(name).ok_or_else(|| format!("line {line}: it has nothing in column '{name}'"))
+            };
+            let own = needed("loop")?;
+            let named = |(role, at): &(String, usize)| Some((role.clone(), filled(*at)?));
+            let mut columns: Vec<(String, &str)> = self.roles.iter().filter_map(named).collect();
+            if self.roles.is_empty() {
+                columns.push((needed("role")?.to_string(), needed("tag")?));
+            }
+            let place = *places.entry(own).or_insert_with(|| {
+                all.push(LoopColumns { name: own.to_string(), columns: Vec::new() });
+                all.len() - 1
+            });
+            for (word, column) in columns {
+                let role = stub::role(&word)
+                    .ok_or_else(|| format!("line {line}: '{word}' is none of op, pv, sp, mode, mv"))?;
+                let Some(known) = all.get_mut(place) else { continue };
+                if known.columns.iter().any(|(other, _)| *other == role) {
+                    return Err(format!("line {line}: {own} has two columns for {}", role.as_str()));
+                }
+                known.columns.push((role, column.to_string()));
+            }
+        }
+        match all.is_empty() {
+            true => Err("there is no row below the header".into()),
+            false => Ok(all),
+        }
     }
 }
 
@@ -367,6 +418,31 @@ mod tests {
             ("tag,device,dcs block\nA.OP,d,x\n", "with --without 'dcs_block'"),
         ] {
             let why = tags(text, None, None).unwrap_err();
+            assert!(why.contains(part), "{text}: {why}");
+        }
+    }
+
+    #[test]
+    fn a_list_names_the_columns_of_loops() {
+        let columns = |text: &str| {
+            let rows = table::texts(Source::Bytes(text.as_bytes()), &Options::default(), MAX_ROWS, is_header);
+            List::of(rows.map_err(|error| error.to_string())?, &[])?.loop_columns()
+        };
+        let by_loops =
+            columns("Loop;OP;PV;SP;Description\nA;XMV1;XMEAS2;;feed\nB;XMV2;XMEAS3;s;\n").expect("loops");
+        let by_tags = "loop,role,tag\nA,op,XMV1\nA,pv,XMEAS2\nB,op,XMV2\nB,pv,XMEAS3\nB,sp,s\n";
+        assert_eq!(columns(by_tags).as_ref(), Ok(&by_loops));
+        let told: Vec<(&str, usize)> =
+            by_loops.iter().map(|own| (own.name.as_str(), own.columns.len())).collect();
+        assert_eq!(told, [("A", 2), ("B", 3)]);
+        assert_eq!(by_loops[1].columns[2], (Role::Sp, "s".to_string()));
+        for (text, part) in [
+            ("loop,op,pv\nA,x,y\n,x,y\n", "line 3: it has nothing in column 'loop'"),
+            ("loop,op,pv\nA,x,y\nA,x,y\n", "line 3: A has two columns for op"),
+            ("loop,role,tag\nA,opp,x\n", "line 2: 'opp' is none of op"),
+            ("loop,op,pv\n", "there is no row below the header"),
+        ] {
+            let why = columns(text).unwrap_err();
             assert!(why.contains(part), "{text}: {why}");
         }
     }

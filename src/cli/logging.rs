@@ -22,9 +22,15 @@ enum Format {
     Json,
 }
 
+/// What RUST_LOG chooses; `None` where it is not set. Set to nothing, as a container file may set it, it chooses nothing either:
+/// taken as a filter it would turn the whole log off.
+pub fn chosen() -> Option<String> {
+    std::env::var("RUST_LOG").ok().filter(|own| !own.trim().is_empty())
+}
+
 /// Begins to write the log.
 pub fn start(args: &LogArgs) -> Result<(), Failure> {
-    let wanted = std::env::var("RUST_LOG").unwrap_or_else(|_| "info".into());
+    let wanted = chosen().unwrap_or_else(|| "info".into());
     // The library of OPC UA looks for a certificate also where none is asked for, and says that "crypto won't work". Where one
     // is needed, the collector looks for it first and names the file. Whoever names the library hears it all.
     let quiet = if wanted.contains("opcua") { "" } else { ",opcua_core::comms::secure_channel=off" };

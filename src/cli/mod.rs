@@ -15,6 +15,7 @@ mod format;
 mod health;
 mod import_tags;
 mod logging;
+mod output;
 mod plant;
 mod plot;
 mod probe;
@@ -33,10 +34,11 @@ use std::io::{self, Write};
 use std::process::ExitCode;
 use stictiond::app::Role;
 use stictiond::config::Diagnostic;
+use stictiond::version::BUILD;
 
 /// Finds sticking control valves from OP and PV, online, beside the DCS.
 #[derive(Parser)]
-#[command(name = "stictiond", version, about, arg_required_else_help = true)]
+#[command(name = "stictiond", version = BUILD, about, arg_required_else_help = true)]
 struct Args {
     #[command(subcommand)]
     command: Command,
@@ -78,7 +80,7 @@ enum Command {
     Probe(probe::Args),
     /// Make [[loop]] sections from a list of tags
     ImportTags(import_tags::Args),
-    /// Analyse the loops of a folder together: who swings with whom, who started it, what to repair first
+    /// Analyse the loops of a folder, a store or a table together: who swings with whom, who started it, what to repair first
     Plant(plant::Args),
     /// Reproduce the paper's tables and figures, ours beside theirs, as HTML and JSON
     Reproduce(reproduce::Args),

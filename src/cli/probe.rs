@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use stictiond::collect::modbus::{self, ProbeError, ProbeTarget};
 use stictiond::collect::{Issue, mqtt, opcua};
+use stictiond::config;
 
 /// What is asked without a configuration.
 const SERVER: &str = "server";
@@ -112,17 +113,20 @@ fn quoted(text: &str) -> String {
 
 /// The section of that name. The rest of the file may still be empty: at commissioning there is no loop yet.
 fn named(path: &Path, name: &str) -> Result<Target, Failure> {
-    let text = std::fs::read_to_string(path).map_err(|error| Failure::in_file(path, error))?;
-    let file: toml::Table = text.parse().map_err(|error| Failure::in_file(path, error))?;
+    let file = config::tables(path).map_err(Failure::BadConfig)?;
     for kind in ["opcua", "mqtt"] {
         let mut sections = file.get(kind).and_then(toml::Value::as_array).into_iter().flatten();
         let is_named = |own: &&toml::Value| own.get("name").and_then(toml::Value::as_str) == Some(name);
         let Some(section) = sections.find(is_named) else { continue };
         let text = toml::to_string(section).map_err(|error| Failure::in_file(path, error))?;
-        return match kind {
+        let target = match kind {
             "opcua" => server(&text).map(Target::Opcua),
             _ => broker(&text).map(Target::Mqtt),
         };
+        return target.map_err(|failed| match failed {
+            Failure::BadInput(why) => Failure::in_file(path, format!("[[{kind}]] {name:?}: {why}")),
+            other => other,
+        });
     }
     Err(Failure::in_file(
         path,

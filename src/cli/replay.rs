@@ -1,6 +1,6 @@
 //! `stictiond replay RECORD`: recorded samples through the whole daemon, on the record's own clock.
 
-use super::{Failure, print};
+use super::{Failure, print, table};
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use stictiond::app::replay::{Options, Record, ReplayError, Tally, replay};
@@ -8,6 +8,7 @@ use stictiond::config::{self, Config};
 use stictiond::serve::dto::bundle::Bundle;
 use stictiond::serve::dto::parse_time;
 use stictiond::store::StoreError;
+use stictiond::table::Options as TableOptions;
 
 /// Largest bundle that is read (bytes).
 const MOST_BYTES: u64 = 256_000_000;
@@ -31,6 +32,11 @@ pub struct Args {
     /// Only runs up to this time
     #[arg(long, value_parser = time)]
     to_time: Option<f64>,
+    /// The loop that the samples of a table belong to, where the table does not name it
+    #[arg(long = "loop", value_name = "ID")]
+    of_loop: Option<String>,
+    #[command(flatten)]
+    table: table::TableArgs,
 }
 
 fn above_zero(text: &str) -> Result<f64, String> {
@@ -90,11 +96,21 @@ fn conclude(record: &Record, tally: &Tally) -> Result<(), Failure> {
 
 fn record(args: &Args) -> Result<Record, Failure> {
     let path = &args.record;
+    let told = args.table.options(args.of_loop.as_deref());
+    let is_table = !path.is_dir() && path.extension().is_none_or(|own| !own.eq_ignore_ascii_case("json"));
+    if !is_table && told != TableOptions::default() {
+        let what = if path.is_dir() { "a store" } else { "a bundle" };
+        let why = format!(
+            "{what} says itself which loops and tags it has: leave out --loop and the options of a table"
+        );
+        return Err(Failure::in_file(path, why));
+    }
     if path.is_dir() {
         return Ok(Record::Store(path.clone(), Box::new(configured(args)?)));
     }
-    if path.extension().is_none_or(|own| !own.eq_ignore_ascii_case("json")) {
-        return Ok(Record::Export(path.clone(), Box::new(configured(args)?)));
+    if is_table {
+        table::readable_twice(path)?;
+        return Ok(Record::Export(path.clone(), Box::new(told), Box::new(configured(args)?)));
     }
     let bundle = Bundle::read(&text(path)?).map_err(|error| Failure::in_file(path, error))?;
     Ok(Record::Bundle(Box::new(bundle)))

@@ -1,6 +1,6 @@
 //! `stictiond reproduce`: the paper's tables and figures, ours beside theirs, as files.
 
-use super::{Failure, print};
+use super::{Failure, output, print};
 use std::fs;
 use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
@@ -43,7 +43,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         .map_err(|error| Failure::Failed(format!("cannot write the report: {error}")))?;
     for (name, content) in [("reproduction.html", page(&report)), ("reproduction.json", text + "\n")] {
         let path = args.out.join(name);
-        fs::write(&path, content).map_err(|error| Failure::Failed(format!("{}: {error}", path.display())))?;
+        output::write(&path, &content)?;
         print(&format!("{}\n", path.display()))?;
     }
     print(&format!("{} parts in {:.1} s\n", report.sections.len(), began.elapsed().as_secs_f64()))

@@ -27,7 +27,8 @@ enum Command {
     Check {
         /// The folder, as `[store] folder` names it, or a configuration (.toml) with `[store]`
         folder: PathBuf,
-        /// Make a new store of what is left of one that is damaged, which must not be in use; the damaged files stay beside it
+        /// Make a new store of what is left of one that is damaged, which must not be in use; the damaged files stay beside it.
+        /// Where only the second copy of the states is damaged, it is written anew from the database
         #[arg(long)]
         repair: bool,
     },
@@ -98,7 +99,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 }
 
 /// A store that is not there or not ours is bad input; one that fails has failed.
-fn of_store(error: &StoreError) -> Failure {
+pub fn of_store(error: &StoreError) -> Failure {
     match error {
         StoreError::Missing(_) | StoreError::Foreign(_) | StoreError::TooNew(_) => {
             Failure::BadInput(error.to_string())
@@ -165,15 +166,24 @@ fn check(folder: &Path, repair: bool) -> Result<(), Failure> {
         let _ = writeln!(out, "left        {left}");
     }
     print(&out)?;
-    let Some(_) = found.left.as_ref().filter(|_| repair) else {
-        return Err(Failure::Failed(format!(
-            "{}: {} things are damaged",
-            folder.display(),
-            found.faults.len()
-        )));
-    };
-    let done = store::repair(&config).map_err(|error| of_store(&error))?;
-    print(&format!("repaired    {}; the damaged files are in {}\n", done.left, done.aside.display()))
+    if repair && found.left.is_some() {
+        let done = store::repair(&config).map_err(|error| of_store(&error))?;
+        return print(&format!(
+            "repaired    {}; the damaged files are in {}\n",
+            done.left,
+            done.aside.display()
+        ));
+    }
+    let mut damaged = found.faults.len();
+    if repair && found.renewable > 0 {
+        store::renew(&config).map_err(|error| of_store(&error))?;
+        print(&format!("repaired    {}: what lies beside the database is made anew\n", folder.display()))?;
+        damaged -= found.renewable;
+    }
+    match damaged {
+        0 => Ok(()),
+        damaged => Err(Failure::Failed(format!("{}: {damaged} things are damaged", folder.display()))),
+    }
 }
 
 fn export(args: &Export) -> Result<(), Failure> {
@@ -190,6 +200,13 @@ fn export(args: &Export) -> Result<(), Failure> {
         return Err(Failure::BadInput("--from is later than --to-time".to_string()));
     }
     let mut reader = Reader::looked_at(&named(&args.folder)?).map_err(|error| of_store(&error))?;
+    if matches!(kind, Kind::Samples | Kind::Trends) {
+        let tags = reader.tags().map_err(|error| of_store(&error))?;
+        let is_there = |own: &&String| tags.iter().any(|tag| tag.name.control_loop == **own);
+        if let Some(strange) = args.loops.iter().find(|own| !is_there(own)) {
+            return Err(Failure::in_file(&args.folder, format!("no loop {strange:?} in this store")));
+        }
+    }
     let choice = Choice { loops: args.loops.clone(), from: args.from, to: args.to_time };
     let rows = archive::export(&mut reader, kind, &choice, format, &args.to)
         .map_err(|error| of_archive(&args.to, &error))?;
@@ -210,6 +227,7 @@ fn export(args: &Export) -> Result<(), Failure> {
 }
 
 fn import(args: &ImportArgs) -> Result<(), Failure> {
+    args.files.iter().try_for_each(|file| super::table::readable_twice(file))?;
     let (settings, sources) = match &args.config {
         Some(path) => configured(path, &args.folder)?,
         None => (named(&args.folder)?, HashMap::new()),

@@ -1,6 +1,7 @@
 //! The options of every command that reads a table, and the reading.
 
 use super::Failure;
+use std::fs;
 use std::path::Path;
 use stictiond::app::span_contradiction;
 use stictiond::signal::{Record, Scale};
@@ -86,6 +87,7 @@ impl TableArgs {
             good_values: own.good_values,
             sheet: own.sheet,
             of_loop: of_loop.map(str::to_string),
+            several: None,
             of_all: Vec::new(),
         }
     }
@@ -96,8 +98,18 @@ impl TableArgs {
     }
 }
 
+/// Refuses what can be read only once: of a pipe the second reading would have nothing, or wait for ever.
+pub fn readable_twice(path: &Path) -> Result<(), Failure> {
+    if fs::metadata(path).is_ok_and(|about| !about.is_file() && !about.is_dir()) {
+        let why = "is a pipe or a device, and a table is read twice: save it to a file, such as a .csv.gz";
+        return Err(Failure::in_file(path, why));
+    }
+    Ok(())
+}
+
 /// Reads one loop's record.
 pub fn read(path: &Path, options: &Options) -> Result<Table, Failure> {
+    readable_twice(path)?;
     table::read(Source::File(path), options).map_err(|error| failure(path, &error))
 }
 
@@ -120,11 +132,21 @@ pub fn scale(
 
 /// The same for one of many records: no span can be given for it alone, so its header has to be put right.
 pub fn scale_one_of_many(path: &Path, record: &mut Record, unit: Option<&str>) -> Result<(), Failure> {
-    scale(path, record, None, unit).map_err(|failed| match failed {
+    scale_or(path, record, (None, unit), "put OP's unit in the file's header right")
+}
+
+/// The same, with what was given and the unit, and what to do where these contradict the record.
+pub fn scale_or(
+    path: &Path,
+    record: &mut Record,
+    (given, unit): (Option<f64>, Option<&str>),
+    remedy: &str,
+) -> Result<(), Failure> {
+    scale(path, record, given, unit).map_err(|failed| match failed {
         Failure::BadInput(why) => {
             let what = why.split("say what is right").next().unwrap_or(&why);
             let what = what.trim_end_matches([' ', ':', ';']);
-            Failure::BadInput(format!("{what}; put OP's unit in the file's header right"))
+            Failure::BadInput(format!("{what}; {remedy}"))
         }
         other => other,
     })

@@ -44,7 +44,6 @@ pub fn page(report: &Report) -> String {
         if report.f_unit_assumed {
             let span = match report.op_span {
                 Some(span) => format!("its span is taken for {}", number(Some(span))),
-                None if unit == "% OP" => "its span is not known".into(),
                 None => "its span is not known, say it with --op-span: 100 for per cent, 16 for mA".into(),
             };
             line("", format!("unit {unit} judged from OP's values: {span}"));
@@ -185,7 +184,8 @@ pub fn page(report: &Report) -> String {
             line("", "the free run is worse with the effects than without".into());
         }
     }
-    if report.residual.unexplained {
+    // Where nothing was traced no test has a name, and the residual is told already.
+    if report.residual.unexplained && !report.residual.failed_tests.is_empty() {
         line("unexplained", report.residual.failed_tests.join(", "));
     }
     if let Some(stem) = &report.residual.stem {
@@ -206,10 +206,13 @@ pub fn page(report: &Report) -> String {
     }
     if let Some(bars) = report.aic_curve.as_ref().and_then(sparkline) {
         line("AIC over f", bars);
-        if let Some(marks) = report.aic_curve.as_ref().and_then(|curve| marks(curve, report)) {
+        let marks = report.aic_curve.as_ref().and_then(|curve| marks(curve, report));
+        // Where tracing cannot tell friction, the curve of the declared model has neither.
+        let legend = if marks.is_some() { "; ▲ the estimate, ─ its interval" } else { "" };
+        if let Some(marks) = marks {
             line("", marks);
         }
-        line("", format!("0 … {} {unit}; ▲ the estimate, ─ its interval", number(report.f_max)));
+        line("", format!("0 … {} {unit}{legend}", number(report.f_max)));
     }
     out
 }
@@ -349,6 +352,23 @@ mod tests {
         let lines = "opinions    1 of 1\n            he_2007               sticks         0.7346  SI 0.73\n            \
                      horch_1999, kano_2004_a cannot tell: the process integrates\n";
         assert!(page.contains(lines), "{page}");
+    }
+
+    #[test]
+    fn nothing_is_explained_that_is_not_there() {
+        let mut report = Report::new("x", None, &Diagnosis::bare(Verdict::NoStiction, "made for a test"));
+        let f: Vec<Option<f64>> = (0..=59).map(|k| Some(f64::from(k))).collect();
+        let aic = f.iter().map(|f| f.map(|f| (f - 20.0).powi(2))).collect();
+        (report.aic_curve, report.f_max) = (Some(ReportCurve { f, aic }), Some(59.0));
+        report.residual.unexplained = true;
+        let bare = page(&report);
+        assert!(bare.contains("0 … 59 OP units\n") && !bare.contains('▲'), "{bare}");
+        assert!(!bare.contains("unexplained"), "{bare}");
+        (report.f, report.f_ci95) = (Some(20.0), Some([19.0, 21.0]));
+        report.residual.failed_tests = vec!["drift".into()];
+        let whole = page(&report);
+        assert!(whole.contains("0 … 59 OP units; ▲ the estimate, ─ its interval\n"), "{whole}");
+        assert!(whole.contains("\nunexplained drift\n"), "{whole}");
     }
 
     #[test]

@@ -138,6 +138,40 @@ pub struct LoopConfig {
 /// # Errors
 /// Everything wrong with it, in the order of the file.
 pub fn load(path: &Path) -> Result<Config, Vec<Diagnostic>> {
+    parse(&path.display().to_string(), &text(path)?)
+}
+
+/// The tables of a file as they stand, whatever is wrong with them or missing: at commissioning there is no loop yet.
+///
+/// # Errors
+/// Why it cannot be read, or is no TOML.
+pub fn tables(path: &Path) -> Result<toml::Table, Vec<Diagnostic>> {
+    let (file, text) = (path.display().to_string(), text(path)?);
+    let mut report = Report::new(&file, &text);
+    Source::parse(&text, &mut report);
+    let wrong = report.finish();
+    if !wrong.is_empty() {
+        return Err(wrong);
+    }
+    let unread = |error: toml::de::Error| vec![Diagnostic::of_file(&file, error.message().to_string())];
+    text.parse().map_err(unread)
+}
+
+/// `[server]` of a file, and everything wrong with the file. A daemon that runs has refused a wrong one, and goes on with the one
+/// before.
+///
+/// # Errors
+/// As [`load`], where `[server]` cannot be read either.
+pub fn server(path: &Path) -> Result<(serve::Config, Vec<Diagnostic>), Vec<Diagnostic>> {
+    let (parts, wrong) = read(&path.display().to_string(), &text(path)?);
+    match parts.server {
+        Some(server) => Ok((server, wrong)),
+        None => Err(wrong),
+    }
+}
+
+/// The text of a file.
+fn text(path: &Path) -> Result<String, Vec<Diagnostic>> {
     let file = path.display().to_string();
     let unreadable = |why: String| vec![Diagnostic::of_file(&file, format!("cannot read: {why}"))];
     let in_words = |error| unreadable(files::in_words(&error));
@@ -151,15 +185,12 @@ pub fn load(path: &Path) -> Result<Config, Vec<Diagnostic>> {
         let said = "this is UTF-16 text: save it as UTF-8, which editors offer when a file is saved";
         return Err(vec![Diagnostic { line: 1, column: 1, ..Diagnostic::of_file(&file, said.into()) }]);
     }
-    match std::str::from_utf8(&bytes) {
-        Ok(text) => parse(&file, text),
-        Err(error) => {
-            let good = String::from_utf8_lossy(&bytes[..error.valid_up_to()]);
-            let mut report = Report::new(&file, &good);
-            report.at(good.len(), "not UTF-8 text: save the file as UTF-8".into());
-            Err(report.finish())
-        }
-    }
+    String::from_utf8(bytes).map_err(|error| {
+        let good = String::from_utf8_lossy(&error.as_bytes()[..error.utf8_error().valid_up_to()]);
+        let mut report = Report::new(&file, &good);
+        report.at(good.len(), "not UTF-8 text: save the file as UTF-8".into());
+        report.finish()
+    })
 }
 
 /// Whether a text is two bytes a sign, by its mark or by the zeros of its first two.
@@ -173,6 +204,15 @@ fn is_utf16(bytes: &[u8]) -> bool {
 /// # Errors
 /// As [`load`].
 pub fn parse(file: &str, text: &str) -> Result<Config, Vec<Diagnostic>> {
+    let (parts, diagnostics) = read(file, text);
+    match (parts.whole(), diagnostics.is_empty()) {
+        (Some(config), true) => Ok(config),
+        _ => Err(diagnostics),
+    }
+}
+
+/// What of a text could be read, and everything wrong with it.
+fn read(file: &str, text: &str) -> (section::Parts, Vec<Diagnostic>) {
     let mut report = Report::new(file, text);
     let source = Source::parse(text, &mut report);
     let whole = report.is_clean();
@@ -181,11 +221,7 @@ pub fn parse(file: &str, text: &str) -> Result<Config, Vec<Diagnostic>> {
         // Rules across sections would blame the wrong line in a file whose structure had to be guessed.
         rules::check(&source, &parts, &mut report);
     }
-    let diagnostics = report.finish();
-    match (parts.whole(), diagnostics.is_empty()) {
-        (Some(config), true) => Ok(config),
-        _ => Err(diagnostics),
-    }
+    (parts, report.finish())
 }
 
 #[cfg(test)]

@@ -196,7 +196,11 @@ impl Demo {
         let drawing = async {
             let drawn = drawing.draw(&mut screen, &stop).await;
             stop.cancel();
-            drawn.map_err(DemoError::io("cannot write to the terminal"))
+            match drawn {
+                // A reader that stops early (`| head`) is no failure, and nobody is left to watch.
+                Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+                drawn => drawn.map_err(DemoError::io("cannot write to the terminal")),
+            }
         };
         // The plant outlives the daemon, which still has terms to take back.
         let plant_stop = CancellationToken::new();
@@ -253,9 +257,9 @@ impl View<'_> {
         } else {
             screen.show(&[self.title()])?;
         }
-        let mut before = None;
+        let (mut before, mut has_told) = (None, vec![false; self.loops.len()]);
         while stop.run_until_cancelled(ticks.tick()).await.is_some() {
-            let (lines, verdicts) = self.lines();
+            let (lines, verdicts) = self.lines(&mut has_told);
             let said = verdicts.iter().any(Option::is_some);
             let news = (verdicts, self.writeback_states());
             if screen.in_place || (said && before.as_ref() != Some(&news)) {
@@ -280,23 +284,32 @@ impl View<'_> {
         )
     }
 
-    /// The table, and the verdicts in it.
-    fn lines(&self) -> (Vec<String>, Vec<Option<String>>) {
+    /// The table, and the verdicts in it. `has_told`: of each loop whether a diagnosis has told so far, see [`table::tells`].
+    fn lines(&self, has_told: &mut [bool]) -> (Vec<String>, Vec<Option<String>>) {
         let now = self.clock.now();
         let said: Vec<_> = self
             .loops
             .iter()
             .map(|demo| self.results.get(&LoopId::new(demo.id.as_str()), now)?.summary)
             .collect();
+        for (has_told, said) in has_told.iter_mut().zip(&said) {
+            *has_told |= said.as_ref().is_some_and(table::tells);
+        }
+        let loops = self.loops.iter().zip(&said).zip(&*has_told);
         let rows: Vec<Row<'_>> =
-            self.loops.iter().zip(&said).map(|(demo, said)| Row { demo, said: said.as_ref() }).collect();
+            loops.map(|((demo, said), &has_told)| Row { demo, said: said.as_ref(), has_told }).collect();
         let mut lines = vec![self.title(), format!("plant time {:.0} s", self.clock.elapsed().as_secs_f64())];
         lines.extend(table::lines(&rows));
         lines.extend(operators::lines(&*self.writeback, self.loops));
         lines.extend(self.audit.map(|audit| format!("on record in {}", audit.display())));
-        let verdicts = said.iter().map(|said| said.as_ref().map(|said| said.outcome.to_string()));
-        (lines, verdicts.collect())
+        (lines, rows.iter().map(Row::verdict).collect())
     }
+}
+
+/// A configuration of the demo for a daemon beside it, which listens on a port of its own. The whole address is meant: the plant's
+/// port may begin with the digits of the demo's.
+fn for_another(config: &str, address: SocketAddr) -> String {
+    config.replace(&format!("\"{address}\""), "\"127.0.0.1:0\"")
 }
 
 /// The command: runs until Ctrl-C, SIGTERM or a failure. With `config_to`, writes there with which configuration another daemon
@@ -312,7 +325,7 @@ pub fn command(options: &Options, config_to: Option<&Path>) -> Result<(), DemoEr
     let done = runtime.block_on(async {
         let demo = Demo::build(options).await?;
         if let Some(path) = config_to {
-            let text = demo.config().replace(&demo.address().to_string(), "127.0.0.1:0");
+            let text = for_another(demo.config(), demo.address());
             let file = std::fs::OpenOptions::new().write(true).create_new(true).open(path);
             file.and_then(|mut file| std::io::Write::write_all(&mut file, text.as_bytes())).map_err(
                 DemoError::io("cannot write the configuration (a file that is there is not overwritten)"),
@@ -337,4 +350,16 @@ pub fn command(options: &Options, config_to: Option<&Path>) -> Result<(), DemoEr
     // A diagnosis under way is not waited for: Ctrl-C ends the demo at once.
     runtime.shutdown_background();
     done
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_daemon_beside_the_demo_listens_elsewhere_and_polls_the_same_plant() {
+        let config = "[server]\nlisten = \"127.0.0.1:5000\"\n[[modbus]]\naddress = \"127.0.0.1:50001\"\n";
+        let expected = "[server]\nlisten = \"127.0.0.1:0\"\n[[modbus]]\naddress = \"127.0.0.1:50001\"\n";
+        assert_eq!(for_another(config, SocketAddr::from(([127, 0, 0, 1], 5000))), expected);
+    }
 }

@@ -2,14 +2,17 @@
 
 use super::super::Failure;
 use super::Args;
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
+use stictiond::alarm;
 use stictiond::backfill::{Part, Past};
 use stictiond::collect::opcua::{self, HistoryError, Keep, Pinned, Slice, Wish};
-use stictiond::config;
+use stictiond::config::{self, Config};
+use stictiond::diagnosis::Settings;
+use stictiond::schedule::Clock;
 use stictiond::signal::{Record, Sample};
 use stictiond::store::{self, Batch, Reader, Series, Store, StoreError, StoredTag, TagName};
 
@@ -18,12 +21,14 @@ const PROGRESS: &str = "history.progress";
 /// Beside it too: which namespaces the numbers of tags mean, so that a reading that goes on reads the nodes that it began with.
 const NAMESPACES: &str = "namespaces";
 
-/// The past of a loop, its name, and how a file was read.
+/// The past of a loop, its name, how a file was read, and what a configuration says of diagnoses and alarms.
 pub struct Read {
     pub past: Past,
     pub name: String,
     pub read_as: Option<String>,
     pub op_unit: Option<String>,
+    pub settings: Settings,
+    pub alarms: alarm::Config,
 }
 
 /// The past as a source has it.
@@ -31,14 +36,25 @@ pub fn past(args: &Args) -> Result<Read, Failure> {
     let path = &args.source;
     let named = || path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
     let name = args.of_loop.clone().unwrap_or_else(named);
-    let (mut read_as, mut op_unit) = (None, None);
+    let mut read_as = None;
+    let op_unit;
+    // A unit that was written down wrong cannot be put right in a store: who gives the span decides.
+    let in_doubt = |_: &String| args.op_span.is_none();
+    let (mut settings, mut alarms) = (Settings::default(), alarm::Config::default());
     let past = if path.is_dir() {
-        stored(path, args, &|_| false)?
+        let (past, unit) = stored(path, args, &|_| false)?;
+        op_unit = unit.filter(in_doubt);
+        past
     } else if path.extension().is_some_and(|own| own.eq_ignore_ascii_case("toml")) {
-        history(path, args)?
+        let (past, config) = history(path, args)?;
+        let own = config.loops.iter().find(|own| Some(own.id.as_str()) == args.of_loop.as_deref());
+        op_unit = own.and_then(|own| own.op.unit()).map(str::to_string).filter(in_doubt);
+        (settings, alarms) = (Settings::from(&config.diagnosis), config.alarm);
+        past
     } else {
         let table = args.table.read(path, args.of_loop.as_deref())?;
-        (read_as, op_unit) = (Some(table.found.read_as), table.found.op_unit);
+        read_as = Some(table.found.read_as);
+        op_unit = table.found.op_unit;
         // Its unit says more than the span alone.
         let mut record = Record { op_span: None, ..table.record };
         let within = |sample: &Sample| {
@@ -48,15 +64,19 @@ pub fn past(args: &Args) -> Result<Read, Failure> {
         record.pv.retain(within);
         Past::from(record)
     };
-    Ok(Read { past, name, read_as, op_unit })
+    Ok(Read { past, name, read_as, op_unit, settings, alarms })
 }
 
 fn wanted(args: &Args) -> Result<&str, Failure> {
     args.of_loop.as_deref().ok_or_else(|| Failure::BadInput("say which loop with --loop".to_string()))
 }
 
-/// A loop as the store has it; told of a tag whether the configuration has it read there.
-fn stored(folder: &Path, args: &Args, is_configured: &dyn Fn(&TagName) -> bool) -> Result<Past, Failure> {
+/// A loop as the store has it, and OP's unit where all of it has one; told of a tag whether the configuration has it read there.
+fn stored(
+    folder: &Path,
+    args: &Args,
+    is_configured: &dyn Fn(&TagName) -> bool,
+) -> Result<(Past, Option<String>), Failure> {
     let of_store = |error: StoreError| Failure::in_file(folder, error);
     let own = wanted(args)?;
     let mut reader = Reader::open(folder).map_err(of_store)?;
@@ -67,22 +87,40 @@ fn stored(folder: &Path, args: &Args, is_configured: &dyn Fn(&TagName) -> bool) 
     }
     let span = [args.from.unwrap_or(0.0), args.to_time.unwrap_or(f64::MAX)];
     let found = reader.in_force(&tags, &["op", "pv"], span, &mut |_| true).map_err(of_store)?;
+    Ok(of_tags(found.unwrap_or_default(), is_configured))
+}
+
+/// A loop's past out of its tags in a store, and OP's unit where all of it has one; told of a tag whether the configuration has it
+/// read there.
+pub fn of_tags(
+    found: Vec<(StoredTag, Vec<Sample>)>,
+    is_configured: &dyn Fn(&TagName) -> bool,
+) -> (Past, Option<String>) {
+    let of_op = found.iter().filter(|(tag, samples)| tag.name.tag == "op" && !samples.is_empty());
+    let units: BTreeSet<&str> = of_op.map(|(tag, _)| tag.name.unit.as_str()).collect();
+    let unit = units.first().filter(|unit| units.len() == 1 && !unit.is_empty());
+    let unit = unit.map(|unit| (*unit).to_string());
     let part = |(tag, samples): (StoredTag, Vec<Sample>)| Part {
         configured: is_configured(&tag.name),
         era: tag.era,
         tag: tag.name.tag,
         samples,
     };
-    let parts = found.unwrap_or_default().into_iter().map(part).collect();
-    Ok(Past { known: Record::default(), parts })
+    let parts = found.into_iter().map(part).collect();
+    (Past { known: Record::default(), parts }, unit)
 }
 
 /// Reads what the loop's OPC UA servers kept into the store of `--into`, from where it was left, and then from there.
-fn history(path: &Path, args: &Args) -> Result<Past, Failure> {
+fn history(path: &Path, args: &Args) -> Result<(Past, Config), Failure> {
     let own = wanted(args)?;
     let need = |what| Failure::BadInput(format!("to read history from devices, say {what}"));
     let folder = args.into.clone().ok_or_else(|| need("with --into FOLDER where it is to be kept"))?;
     let (from, to) = args.from.zip(args.to_time).ok_or_else(|| need("--from and --to-time"))?;
+    if to > Clock::wall().now() {
+        // What is read up to it is noted as read, so that what comes until then would never be.
+        let why = "--to-time is in the future: name a time that has passed, and read the rest later";
+        return Err(Failure::BadInput(why.to_string()));
+    }
     let config = config::load(path).map_err(Failure::BadConfig)?;
     let bad = |what: String| Failure::in_file(path, what);
     let plant = config.plant().map_err(|issues| {
@@ -134,8 +172,9 @@ fn history(path: &Path, args: &Args) -> Result<Past, Failure> {
     let runtime =
         tokio::runtime::Runtime::new().map_err(|error| Failure::Failed(format!("cannot start: {error}")))?;
     for plan in plans {
-        let key =
-            format!("{own}\t{}\t{from}\t{to}\t{}\t{:?}", plan.config.name, args.newest_first, args.average);
+        let read: Vec<&TagName> =
+            plan.tags.iter().filter_map(|tag| names.get(&tag.index)).map(Arc::as_ref).collect();
+        let key = key(args, &plan.config.name, [from, to], &read);
         let progress = Progress { path: folder.join(PROGRESS), key };
         let wish = progress.done().map_or(wish, |done| wish.after(done));
         let slices = wish.slices().count();
@@ -160,11 +199,20 @@ fn history(path: &Path, args: &Args) -> Result<Past, Failure> {
     drop(store);
     let is_configured =
         |stored: &TagName| names.values().any(|name| name.tag == stored.tag && name.source == stored.source);
-    let mut past = stored(&folder, args, &is_configured)?;
+    let (mut past, _) = stored(&folder, args, &is_configured)?;
     let limits = config.loops.iter().find(|l| l.id == own);
     past.known.op_span = limits.and_then(|l| l.op_span);
     past.known.op_limits = limits.and_then(|l| l.op_limits).map(|[low, high]| (low, high));
-    Ok(past)
+    Ok((past, config))
+}
+
+/// By which a reading is known again. Where its tags are read belongs to it: one that is added, or read elsewhere since, has a past
+/// that was not read.
+fn key(args: &Args, server: &str, [from, to]: [f64; 2], tags: &[&TagName]) -> String {
+    let own = args.of_loop.as_deref().unwrap_or_default();
+    let places: Vec<String> = tags.iter().map(|tag| format!("{} {}", tag.tag, tag.source)).collect();
+    // As text in quotes it has no tab and no line end of its own.
+    format!("{own}\t{server}\t{from}\t{to}\t{}\t{:?}\t{places:?}", args.newest_first, args.average)
 }
 
 /// How far one reading has come: a line of a small file, replaced whole.
