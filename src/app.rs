@@ -46,7 +46,7 @@ use namespaces::Namespaces;
 use notifications::Notifications;
 use persistence::Persistence;
 use plantwide::Plantwide;
-pub use plantwide::friction_of;
+pub use plantwide::{DeadTime, friction_of, untold_of};
 use security::Security;
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
@@ -215,12 +215,14 @@ impl App {
     pub fn diagnosis() -> Diagnose {
         Arc::new(|record, settings, structure| {
             let tracing = residual::Settings::default();
-            let confirmed = structure.and_then(|last| residual::confirm(record, settings, &tracing, last));
+            let gated = diagnosis::gate::gate(record, settings);
+            let confirmed =
+                structure.and_then(|last| residual::confirm_gated(record, &gated, settings, &tracing, last));
             let (diagnosis, findings) = match confirmed {
                 Some((diagnosis, findings)) => (diagnosis, Some(findings)),
                 None => {
-                    let diagnosis = diagnosis::diagnose(record, settings);
-                    let findings = residual::trace_record(record, &diagnosis, settings, &tracing);
+                    let diagnosis = diagnosis::diagnose_gated(record, &gated, settings);
+                    let findings = residual::trace_gated(record, &gated, &diagnosis, settings, &tracing);
                     (diagnosis, findings)
                 }
             };
@@ -278,11 +280,14 @@ impl App {
             served
         };
         // Terms go to zero as soon as the daemon is told to stop, whatever else takes its time.
+        // What goes wrong on that way is told too, and would be told by no later start.
+        let withdrawn = CancellationToken::new();
         let withdrawing = async {
             self.stop.cancelled().await;
             self.writeback.end().await;
+            withdrawn.cancel();
         };
-        let notifications = self.notifications.run(self.stop.clone());
+        let notifications = self.notifications.run(withdrawn.clone());
         let scheduling = self.scheduler.run(self.stop.clone());
         let security = self.security.clone().run(self.stop.clone());
         let looking = self.plantwide.clone().run(self.stop.clone());
@@ -326,6 +331,7 @@ impl App {
             if let Some(by) = watch.set(now, elapsed) {
                 tracing::warn!(by_s = by, "the clock was set");
                 self.results.clock_was_set(by);
+                self.plantwide.clock_was_set(by, now, elapsed.as_secs_f64());
             }
             self.results.tick(now);
             if self.fleet.as_ref().is_some_and(|fleet| fleet.follows()) {
@@ -490,8 +496,10 @@ fn shown(started: &Config, config: &Config, history: &Arc<History>, devices: &[D
         group: control_loop.group.clone(),
         period_s: config.period_s(control_loop),
     };
+    // Of a device that write-back alone has to do with nothing is collected: it would pass for one that never answered.
+    let read = devices.iter().filter(|device| !device.rings.by_tag.is_empty());
     let healths: Vec<(String, Arc<DeviceHealth>)> =
-        devices.iter().map(|device| (device.plan.name().to_string(), device.health.clone())).collect();
+        read.map(|device| (device.plan.name().to_string(), device.health.clone())).collect();
     let states = move || healths.iter().map(|(name, health)| Device::state(name, health)).collect();
     let snapshot = snapshot(config, history);
     let recall = recall::recall(snapshot, started.store.clone(), neighbours(config));

@@ -25,6 +25,7 @@ pub mod mqtt;
 pub mod notify;
 pub mod protobuf;
 pub mod quiet;
+pub mod version;
 
 pub mod results;
 pub mod schedule;

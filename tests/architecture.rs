@@ -81,9 +81,10 @@ fn makes_a_file(path: &[String]) -> bool {
 
 /// Rule 2: the daemon diagnoses by way of the scheduler only.
 fn diagnosing(source: &Source) -> Vec<String> {
+    let diagnoses = |name: &String| ["diagnose", "diagnose_gated", "*"].contains(&name.as_str());
     let calls = |path: &Vec<String>| {
         let ours = path[0] == "crate" && path.get(1).is_some_and(|top| top == "diagnosis");
-        (ours || path[0] == "diagnosis") && path.last().is_some_and(|name| name == "diagnose" || name == "*")
+        (ours || path[0] == "diagnosis") && path.last().is_some_and(diagnoses)
     };
     if MAY_DIAGNOSE.contains(&source.top().as_str()) || !source.paths().iter().any(calls) {
         return Vec::new();

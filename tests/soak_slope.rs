@@ -48,6 +48,23 @@ fn an_interval_holds_the_truth_in_95_of_100_cases() {
     assert!((929..=971).contains(&held), "{held} of 1000");
 }
 
+/// The bound holds for three of them, and each says something else of it.
+#[test]
+fn what_a_slope_means_for_its_bound_is_said() {
+    for (per_hour, half_width, judged, said) in [
+        (0.4, 0.5, Judged::Holds, "a growth above 1 MB/h is ruled out at 95 %"),
+        (0.5, 0.75, Judged::Holds, "not proven, and one of up to 1.25 MB/h is not ruled out"),
+        (2.0, 6.0, Judged::Holds, "not proven, and one of up to 8.00 MB/h is not ruled out"),
+        (7.5, 6.0, Judged::Broken, "a growth above 1 MB/h is proven at 95 %: it is 1.50 MB/h or more"),
+        (0.0, f64::INFINITY, Judged::TooShort, "nothing is known"),
+    ] {
+        let slope = Slope { per_hour, half_width };
+        assert_eq!(slope.judged(1.0), judged, "{slope:?}");
+        let meaning = slope.meaning(1.0, "MB/h");
+        assert!(meaning.contains(said), "{slope:?}: {meaning}");
+    }
+}
+
 #[test]
 fn what_is_too_short_is_not_judged() {
     // A part of each place, and one more.

@@ -71,6 +71,23 @@ impl Slope {
         }
     }
 
+    /// What that means, in words: a bound that holds is not proven to, while the interval goes beyond it.
+    pub fn meaning(self, most: f64, unit: &str) -> String {
+        let [low, high] = self.interval();
+        match self.judged(most) {
+            Judged::TooShort => "nothing is known of the growth".to_string(),
+            Judged::Broken => {
+                format!("a growth above {most} {unit} is proven at 95 %: it is {low:.2} {unit} or more")
+            }
+            Judged::Holds if high <= most => format!("a growth above {most} {unit} is ruled out at 95 %"),
+            Judged::Holds => {
+                format!(
+                    "a growth above {most} {unit} is not proven, and one of up to {high:.2} {unit} is not ruled out"
+                )
+            }
+        }
+    }
+
     /// Ends of the 95 % interval.
     pub fn interval(self) -> [f64; 2] {
         [self.per_hour - self.half_width, self.per_hour + self.half_width]

@@ -4,7 +4,8 @@ use super::sampled::Sample;
 use super::slope::{Judged, Slope, median};
 use stictiond::plot::{Panel, Plot, Series, sheet, thin};
 
-/// Memory that rings do not take may grow by so much (MB an hour); it is too much where the lower end of the slope's interval is.
+/// Memory that rings do not take may grow by so much (MB an hour). It is too much where that is proven: where the lower end of the
+/// slope's interval is.
 const MOST_MB_AN_HOUR: f64 = 1.0;
 /// Handles and threads may be so many more at the end than after the first part.
 const MOST_MORE: f64 = 8.0;
@@ -115,8 +116,9 @@ impl Told {
         for (what, slope) in [("allocated", self.allocated), ("resident", self.resident)] {
             let (own, [low, high]) = (slope.per_hour, slope.interval());
             println!(
-                "{what} memory beyond the rings after {part:.0} min: {own:.2} MB/h, 95 % interval {low:.2} to {high:.2}"
+                "{what} memory beyond the rings after {part:.0} min: estimate {own:.2} MB/h, 95 % interval {low:.2} to {high:.2} MB/h"
             );
+            println!("  {}", slope.meaning(MOST_MB_AN_HOUR, "MB/h"));
             let what = format!("lower end of that interval, {what} (MB/h)");
             say(&what, low, MOST_MB_AN_HOUR, slope.judged(MOST_MB_AN_HOUR));
         }

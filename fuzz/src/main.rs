@@ -6,6 +6,7 @@ mod targets;
 use libfuzzer_sys::fuzz_target;
 use peak_alloc::PeakAlloc;
 use std::backtrace::Backtrace;
+use std::fs;
 use std::panic::PanicHookInfo;
 use std::sync::OnceLock;
 use targets::{TARGETS, Target};
@@ -37,10 +38,19 @@ fn chosen() -> &'static Target {
     })
 }
 
+/// Lays the long input of a target where `scripts/fuzz` lets the fuzzer begin with it.
+fn lay_out(target: &Target) {
+    let Some(large) = target.large else { return };
+    let folder = targets::root().join("large").join(target.name);
+    let written = fs::create_dir_all(&folder).and_then(|()| fs::write(folder.join("input"), large()));
+    written.expect("a folder for what is fuzzed");
+}
+
 fuzz_target!(init: {
     std::panic::set_hook(Box::new(end));
     // What a target makes once is not counted as an input's.
     (chosen().run)(b"");
+    lay_out(chosen());
 }, |data: &[u8]| {
     let target = chosen();
     let before = MEMORY.current_usage();

@@ -9,7 +9,9 @@ use stictiond::diagnosis::Settings;
 use stictiond::history::{self, History, LoopTags, TagKind, TagSpec};
 use stictiond::results::{Outcome, RestoredAlarm, Results, Run, Summary, Told, Trigger};
 use stictiond::schedule::{self, Clock, Plan, Scheduler};
-use stictiond::serve::{self, Context, DeviceState, FleetPort, FleetSeen, LoopInfo, Machine, Plant};
+use stictiond::serve::{
+    self, Context, DeviceState, FleetLoad, FleetPort, FleetSeen, LoopInfo, Machine, Plant,
+};
 use stictiond::signal::{LoopId, Role, Sample, SpanSource};
 use tokio::net::TcpListener;
 use tokio::sync::watch;
@@ -252,5 +254,10 @@ impl FleetPort for Fleet {
             tells: true,
             machines: self.machines.iter().map(heard).collect(),
         }
+    }
+
+    fn load(&self) -> FleetLoad {
+        let streams = vec![("stictiond_alarms", 0.85), ("stictiond_samples", 1.0)];
+        FleetLoad { windows: Some(42), streams, ..FleetLoad::default() }
     }
 }

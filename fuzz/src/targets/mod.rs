@@ -7,6 +7,7 @@ mod bundle;
 mod config;
 mod fleet;
 mod http;
+mod large;
 mod ledger;
 mod modbus;
 mod mqtt;
@@ -25,10 +26,18 @@ pub struct Target {
     pub run: fn(&[u8]),
     /// Most memory that one input may hold beside its own bytes (MiB).
     pub most_mib: usize,
+    /// Makes a long input, where the daemon takes far longer ones than `fuzz/corpus` holds.
+    pub large: Option<fn() -> Vec<u8>>,
 }
 
 const fn target(name: &'static str, run: fn(&[u8]), most_mib: usize) -> Target {
-    Target { name, run, most_mib }
+    Target { name, run, most_mib, large: None }
+}
+
+impl Target {
+    const fn with(self, large: fn() -> Vec<u8>) -> Self {
+        Self { large: Some(large), ..self }
+    }
 }
 
 /// All of them.
@@ -40,10 +49,10 @@ pub const TARGETS: &[Target] = &[
     target("access", records::access, 64),
     target("modbus", modbus::run, 16),
     // The library reserves as much as the length of a structure says, and touches only what came of it.
-    target("opcua", opcua::run, 2048 + 32),
-    target("json", mqtt::json, 32),
-    target("sparkplug", mqtt::sparkplug, 32),
-    target("fleet", fleet::run, 1),
+    target("opcua", opcua::run, 2048 + 32).with(large::opcua),
+    target("json", mqtt::json, 32).with(large::json),
+    target("sparkplug", mqtt::sparkplug, 32).with(large::sparkplug),
+    target("fleet", fleet::run, 1).with(large::fleet),
     target("blocks", blocks::run, 64),
     target("journal", ledger::journal, 64),
     target("ledger", ledger::files, 64),

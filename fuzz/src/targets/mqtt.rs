@@ -77,6 +77,9 @@ pub fn json(bytes: &[u8]) {
     }
 }
 
+/// A length that stands for all bytes that are left: so a payload can be longer than a byte says.
+pub const REST: u8 = 0xff;
+
 /// Messages of one edge node: which, how long, and the payload.
 pub fn sparkplug(bytes: &[u8]) {
     static PLAN: OnceLock<Plan> = OnceLock::new();
@@ -86,7 +89,8 @@ pub fn sparkplug(bytes: &[u8]) {
     let mut rest = bytes;
     for _ in 0..16 {
         let Some(([which, length], after)) = rest.split_first_chunk::<2>() else { return };
-        let (payload, after) = after.split_at(usize::from(*length).min(after.len()));
+        let length = if *length == REST { after.len() } else { usize::from(*length).min(after.len()) };
+        let (payload, after) = after.split_at(length);
         let topic = TOPICS[usize::from(*which) % TOPICS.len()];
         let _ = collector.message(topic.as_bytes(), payload, which & 0x80 != 0, &judge);
         rest = after;
