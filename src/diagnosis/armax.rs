@@ -21,10 +21,11 @@ mod filters;
 mod model;
 mod normal_equations;
 
-pub use model::{Lag, MAX_PARAMETERS, ORDER, Orders, RHO, Theta, splits};
+pub use model::{Lag, MAX_PARAMETERS, ORDER, Orders, Theta, splits};
 
 use super::lagged_products::Counted;
 use crate::signal::Row;
+pub use crate::sysid::armax::RHO;
 use crate::sysid::least_squares::{dot_long, total};
 pub use crate::sysid::zeros::{draw_inside, is_inside};
 use filters::{add_scaled, combine, filter4, whiten};

@@ -1,7 +1,5 @@
 //! One ARMAX model of the declared diagnosis: its orders and its coefficients.
 
-/// Largest modulus of a zero of C: beyond it the start of the record is never forgotten.
-pub const RHO: f64 = 0.98;
 /// Most coefficients in one fit: six of A, B and C, then c0 and the lag.
 pub const MAX_PARAMETERS: usize = 8;
 /// `na + nb + nc` of every model, the paper's choice.

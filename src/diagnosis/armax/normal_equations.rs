@@ -6,7 +6,8 @@
 //! bounds: every zero of C keeps |q| <= RHO (to first order), 0 <= lag <= max
 //! ```
 
-use super::model::{Lag, MAX_PARAMETERS, Orders, RHO, Theta};
+use super::model::{Lag, MAX_PARAMETERS, Orders, Theta};
+use crate::sysid::armax::RHO;
 use crate::sysid::least_squares::{MOST_COLUMNS, factor, substitute};
 use crate::sysid::zeros::{MARGIN, draw_inside, is_inside, outward, zeros};
 
