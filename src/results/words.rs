@@ -220,7 +220,11 @@ fn not_identifiable(code: &str) -> Option<(&'static str, &'static str)> {
         "too_short" => ("there is not enough data yet", " If this lasts, check why samples are missing."),
         "no_time_base" => ("the time stamps give no sampling period", " Check the clock of the source."),
         "gaps" => ("too much of the data is missing or bad", " Check the tags and the connection."),
-        "silent" => ("no good sample of OP or PV comes any more", " Check the source and the connection."),
+        // A frozen tag has no good sample either: its repeated value is stale.
+        "silent" => (
+            "no good sample of OP or PV comes any more",
+            " Check the connection, and whether the source repeats one value.",
+        ),
         "read_apart" => (
             "OP and PV are not read at the same time",
             " Read both in one request, or export both for the same times.",

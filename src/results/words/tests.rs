@@ -160,7 +160,7 @@ fn a_source_that_is_silent_is_said_with_the_tag_and_since_when() {
     let told = Verdict { reason: &reason, reason_code: Some(why.code()), ..bare };
     assert_eq!(
         told.words(),
-        "Nothing can be said about the valve: no good sample of OP since 2026-01-01 00:00:00 UTC. Check the source and the connection."
+        "Nothing can be said about the valve: no good sample of OP since 2026-01-01 00:00:00 UTC. Check the connection, and whether the source repeats one value."
     );
     // Of any other reason that begins so the words are the ones of its code.
     let other = Verdict { reason_code: Some("gaps"), ..told };
