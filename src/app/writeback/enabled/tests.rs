@@ -146,10 +146,9 @@ async fn while_it_ends_it_is_shown_and_grants_nothing() {
     std::fs::remove_dir_all(&folder).expect("the folder is there");
 }
 
-#[tokio::test(flavor = "multi_thread")]
-async fn what_alarms_look_at_is_free_while_a_reload_waits_for_terms() {
-    let folder = folder("reload");
-    let app = App::build(config(), Clock::wall(), App::diagnosis()).expect("it is sound");
+/// Setups whose first loop says that it looks, and then looks until the sender is dropped: a step of it, and with it a reload or the
+/// way to zero, takes so long.
+fn held_up() -> (Vec<LoopSetup>, Arc<AtomicBool>, mpsc::Sender<()>) {
     let (go_on, waits) = mpsc::channel::<()>();
     let (waits, looks) = (Mutex::new(waits), Arc::new(AtomicBool::new(false)));
     let looked = looks.clone();
@@ -157,10 +156,17 @@ async fn what_alarms_look_at_is_free_while_a_reload_waits_for_terms() {
     setups[0].pause = Duration::from_millis(1);
     setups[0].look = Arc::new(move || {
         looked.store(true, SeqCst);
-        // Until the sender is dropped: the step of the loop, and with it the reload, takes so long.
         let _ = waits.lock().unwrap_or_else(PoisonError::into_inner).recv();
         Inputs::default()
     });
+    (setups, looks, go_on)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_alarms_look_at_is_free_while_a_reload_waits_for_terms() {
+    let folder = folder("reload");
+    let app = App::build(config(), Clock::wall(), App::diagnosis()).expect("it is sound");
+    let (setups, looks, go_on) = held_up();
     app.writeback.start(setups, recorder(&folder));
     while !looks.load(SeqCst) {
         tokio::task::yield_now().await;
@@ -186,17 +192,7 @@ async fn what_trips_while_terms_go_to_zero_for_a_stop_is_told() {
     receiver += "secret_env = 'NO_SUCH_SECRET'\n[pace]\nwait_s = 3600.0\n";
     config.notify.webhook = vec![toml::from_str(&receiver).expect("it is right")];
     let app = App::build(config, Clock::wall(), App::diagnosis()).expect("it is sound");
-    let (go_on, waits) = mpsc::channel::<()>();
-    let (waits, looks) = (Mutex::new(waits), Arc::new(AtomicBool::new(false)));
-    let looked = looks.clone();
-    let mut setups = setups();
-    setups[0].pause = Duration::from_millis(1);
-    setups[0].look = Arc::new(move || {
-        looked.store(true, SeqCst);
-        // Until the sender is dropped: the way to zero takes so long.
-        let _ = waits.lock().unwrap_or_else(PoisonError::into_inner).recv();
-        Inputs::default()
-    });
+    let (setups, looks, go_on) = held_up();
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.expect("a port");
     let stopping = async {
         while !app.state.lock().await.collecting {
