@@ -31,9 +31,11 @@ pub fn verdict(report: &Report) -> String {
         period.map_or_else(String::new, |t| format!(" The loop swings with a period of {} s.", short(t)));
     let archived = report.window.history.as_ref();
     let archived = archived.map_or_else(String::new, |found| format!(" The data is not raw: {}", found.note));
-    let polled = report.acquisition.as_ref().and_then(|acquired| acquired.note.as_deref());
-    let polled = polled.map_or_else(String::new, |note| format!(" {}", words::sentence(note)));
-    said.words() + &swing + &archived + &polled
+    // How to sample for a narrower interval concerns nearly every loop, so it is told beside the fit, and not with the verdict.
+    let moved = report.acquisition.as_ref().filter(|own| own.moves_samples());
+    let moved = moved.and_then(|own| own.note.as_deref());
+    let moved = moved.map_or_else(String::new, |note| format!(" {}", words::sentence(note)));
+    said.words() + &swing + &archived + &moved
 }
 
 /// What is to be known beside the effects: between which kinds the record lies, whether the model is worse with them, and
@@ -80,13 +82,19 @@ mod tests {
     }
 
     #[test]
-    fn what_to_know_of_the_polls_stands_behind_the_verdict() {
+    fn samples_that_were_moved_are_told_with_the_verdict_and_advice_on_sampling_is_not() {
+        let said = |polls: Acquisition| {
+            let preparation = Preparation { acquisition: Some(Box::new(polls)), ..Preparation::default() };
+            let declared =
+                Diagnosis { preparation, ..Diagnosis::bare(Verdict::NoStiction, "made for a test") };
+            let report = Report::new("FIC101", Some(100.0), &declared);
+            assert!(report.acquisition.as_ref().is_some_and(|own| own.note.is_some()));
+            verdict(&report)
+        };
         let polls = Acquisition { poll_s: Some(2.3), jitter_s: Some(0.1), ..Acquisition::default() };
-        let preparation = Preparation { acquisition: Some(Box::new(polls)), ..Preparation::default() };
-        let declared = Diagnosis { preparation, ..Diagnosis::bare(Verdict::NoStiction, "made for a test") };
-        let said = verdict(&Report::new("FIC101", Some(100.0), &declared));
-        let end = " The controller may act between two polls: for a narrower interval of f poll at least twice per scan.";
-        assert!(said.ends_with(end), "{said}");
+        assert!(!said(polls).contains("scan"), "{}", said(polls));
+        let late = Acquisition { pv_late_s: 2.0, ..Acquisition::default() };
+        assert!(said(late).contains("PV is recorded 2 s late"), "{}", said(late));
     }
 
     #[test]

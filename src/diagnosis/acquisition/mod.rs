@@ -89,8 +89,8 @@ impl Acquisition {
         let first = if self.ts_given { "give no sample period and " } else { "" };
         self.unseen_scans().then(|| {
             format!(
-                "the controller may act between two polls: for a narrower interval of f {first}poll at least twice per \
-                 scan"
+                "the controller may act between two samples: for a narrower interval of f {first}take at least two \
+                 samples per scan"
             )
         })
     }

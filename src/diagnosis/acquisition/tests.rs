@@ -93,7 +93,7 @@ fn polls_slower_than_scans_stay_on_the_polls() {
     assert_eq!(
         found.sentence().as_deref(),
         Some(
-            "the controller may act between two polls: for a narrower interval of f poll at least twice per scan"
+            "the controller may act between two samples: for a narrower interval of f take at least two samples per scan"
         )
     );
     // Each poll is a row of its own, and none is between two.
@@ -310,7 +310,7 @@ fn polls_that_leave_scans_out_are_told_what_to_do_in_each_case() {
     // The period of the scans is not known, so that nothing is said of their number.
     assert_eq!(
         said(slow),
-        "the controller may act between two polls: for a narrower interval of f poll at least twice per scan"
+        "the controller may act between two samples: for a narrower interval of f take at least two samples per scan"
     );
     // With a given period the scans are not sought, however fast the polls are.
     let fast = Poll { phase: 0.4, jitter: 0.05, ..Poll::every(0.5) };
@@ -318,8 +318,8 @@ fn polls_that_leave_scans_out_are_told_what_to_do_in_each_case() {
     let (given, _) = recognised(&record.op, &record.pv, Some(1.0)).expect("a period is given");
     assert_eq!(
         said(given),
-        "the controller may act between two polls: for a narrower interval of f give no sample period and poll at least twice per \
-         scan"
+        "the controller may act between two samples: for a narrower interval of f give no sample period and take at \
+         least two samples per scan"
     );
     // Without it they are found.
     let (found, _) = recognised(&record.op, &record.pv, None).expect("stamps give a period");

@@ -150,6 +150,11 @@ pub struct ReportAcquisition {
 }
 
 impl ReportAcquisition {
+    /// Whether the diagnosed samples are not those of the record: they are on the controller's ticks, or PV was moved.
+    pub fn moves_samples(&self) -> bool {
+        self.recovered || self.pv_late_s > 0.0
+    }
+
     fn new(found: &diagnosis::Acquisition) -> Self {
         Self {
             scan_s: found.scan_s.and_then(finite),

@@ -18,7 +18,8 @@ const TERM_MS = 5_000; // How often write-back is asked for: nothing tells that 
 const AGING = new Set(["age_s", "values", "writeback"]); // What may differ each time it is fetched, and is drawn by itself.
 
 const link = (id) => h("a", { href: `#/loop/${encodeURIComponent(id)}` }, id);
-// Why it was not at rest by the latest look at the plant; a cause that is not known has no probability.
+// Why it was not at rest by the latest look at the plant, where that is not its valve, of which the verdict speaks. A cause that is not
+// known has no probability.
 const causeLine = ({ time, name, probability, neighbour, why }) => h("p", { class: "cause" }, `Cause by the look at the plant of ${when(time)}: ${name}`, neighbour ? [" ", link(neighbour)] : null, `${probability === null ? "" : `, ${percent(probability)}`}: ${why}.`);
 const card = (title, size, ...children) => h("section", { class: `card ${size}`, "aria-label": title }, h("header", null, h("h2", null, title)), ...children);
 const pairs = (list) => list.map(([name, value]) => h("div", null, h("dt", null, name), h("dd", null, value)));
@@ -89,7 +90,7 @@ export function loopView(main, [id]) {
     age.title = when(diagnosed);
     const focused = banner.contains(document.activeElement) ? document.activeElement.textContent : null;
     banner.replaceChildren(h("span", { class: "mark" }), h("div", null, h("strong", null, said ? said.words : "Not diagnosed yet."), h("p", null, `${kind.label}${f}`, report ? [" · diagnosed ", age] : null, detail.failure ? ` · latest run: ${words(detail.failure)}` : null),
-      detail.cause ? causeLine(detail.cause) : null,
+      detail.cause && detail.cause.name !== "valve" ? causeLine(detail.cause) : null,
       detail.swings_with ? h("p", null, "It swings with ", link(detail.swings_with), `, the likeliest source, and may calm down when ${detail.swings_with} does: see the `, h("a", { href: "#/work" }, "work list"), ".") : null,
       detail.other_alarms?.length ? h("p", { class: "others" }, h("a", { href: "#/alarms" }, "Other alarms"), `: ${detail.other_alarms.map((one) => `${alarmWords(one.kind)}, ${words(one.state)}`).join("; ")}`) : null), h("div", { class: "acts" }, acts));
     if (focused) [...banner.querySelectorAll("button, a")].find((one) => one.textContent === focused)?.focus();
@@ -155,7 +156,8 @@ export function loopView(main, [id]) {
       h("dl", { class: "facts" }, pairs([
         ["one-step error before, after", `${short(r.one_step_rmse_before, 3)}, ${short(r.one_step_rmse_after, 3)}${gain(r.one_step_rmse_before, r.one_step_rmse_after)}`],
         ["free-run error before, after", `${short(r.free_run_rmse_before, 3)}, ${short(r.free_run_rmse_after, 3)}${gain(r.free_run_rmse_before, r.free_run_rmse_after)}`],
-        ["noise only, before and after", `${r.white_before ? "yes" : "no"}, ${r.white_after ? "yes" : "no"}`], ["f before, after", `${short(r.f_before, 3)}, ${short(r.f_after, 3)} ${report.f_unit}`]])));
+        ["noise only, before and after", `${r.white_before ? "yes" : "no"}, ${r.white_after ? "yes" : "no"}`], ["f before, after", `${short(r.f_before, 3)}, ${short(r.f_after, 3)} ${report.f_unit}`],
+        ...(report.acquisition?.note ? [["sampling", report.acquisition.note]] : [])])));
   }
 
   function drawWriteback(view) {
