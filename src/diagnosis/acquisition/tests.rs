@@ -334,7 +334,7 @@ fn polls_that_leave_scans_out_are_told_what_to_do_in_each_case() {
     // Exact stamps are those of the scans.
     assert_eq!(Acquisition { jitter_s: Some(1e-4), ..slow }.sentence(), None);
     let both = said(Acquisition { pv_late_s: 2.3, ..slow });
-    assert!(both.contains("twice per scan; PV is recorded 2.3 s late"), "{both}");
+    assert!(both.contains("two samples per scan; PV is recorded 2.3 s late"), "{both}");
 }
 
 #[test]

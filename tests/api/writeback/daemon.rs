@@ -30,7 +30,7 @@ pub struct Daemon {
 pub fn config(plant: SocketAddr, link: SocketAddr, audit: &Path) -> String {
     let device = |name: &str, address: SocketAddr| {
         format!(
-            "[[modbus]]\nname = '{name}'\naddress = '{address}'\npoll_ms = 50\ntimeout_ms = 50\naddress_base = 0\n\
+            "[[modbus]]\nname = '{name}'\naddress = '{address}'\npoll_ms = 100\ntimeout_ms = 100\naddress_base = 0\n\
              reconnect_max_ms = 100\n"
         )
     };
