@@ -9,6 +9,9 @@ use crate::schedule::Silence;
 use crate::signal::{LoopId, Record, Role};
 use std::sync::Arc;
 
+/// A stamp of before the start that is later than our clock by more than this is told (s): sources may be some minutes off.
+const AHEAD_S: f64 = 3600.0;
+
 /// Asks the rings of `history`.
 pub(super) fn of_rings(history: &Arc<History>, clock: Clock) -> Silence {
     let history = history.clone();
@@ -25,11 +28,35 @@ fn of_loop(history: &History, clock: Clock, of: (&LoopId, &Record), period_s: f6
 /// where it was so within a period (s).
 pub(super) fn sources(of: (&History, &LoopId), now: (f64, f64), period_s: f64) -> [Source; 2] {
     let ((history, id), (now, since_start_s)) = (of, now);
+    // Of a tag of which nothing has come since the start, our own clock is all there is. A stamp that is later than that was made by
+    // a clock that was ahead, and is of before the start all the same.
+    let ours = |kind: &TagKind| {
+        let ring = history.tag_index(id, kind).and_then(|tag| history.ring(tag));
+        ring.and_then(|ring| ring.latest()).map_or(now, |last| now.max(last.t + since_start_s))
+    };
     [Role::Pv, Role::Op].map(TagKind::Role).map(|kind| Source {
-        // Of a tag of which nothing has come since the start, our own clock is all there is.
-        now: history.stamps_show(id, &kind, since_start_s).unwrap_or(now),
+        now: history.stamps_show(id, &kind, since_start_s).unwrap_or_else(|| ours(&kind)),
         is_there: history.was_there(id, &kind, since_start_s, period_s),
     })
+}
+
+/// Says in the log that samples of before the start are stamped later than our clock shows.
+pub(super) fn tell_ahead(history: &History, now: f64) {
+    if let Some((tags, by_s)) = ahead(history, now) {
+        tracing::warn!(
+            tags,
+            by_s,
+            "samples that the store gave back are stamped later than this machine's clock shows: it was ahead when they came, or \
+             their source's is; where no new ones come, the loop is silent once a period has passed"
+        );
+    }
+}
+
+/// Of how many tags the latest sample is stamped later than `now` (s), by more than sources are off, and by how much at most (s).
+fn ahead(history: &History, now: f64) -> Option<(usize, f64)> {
+    let latest = (0..history.tag_count()).filter_map(|tag| history.ring(tag)?.latest());
+    let ahead: Vec<f64> = latest.map(|last| last.t - now).filter(|ahead| *ahead > AHEAD_S).collect();
+    Some((ahead.len(), ahead.into_iter().reduce(f64::max)?))
 }
 
 /// Of a record alone, at a time by the clock that stamped it (s).
@@ -146,6 +173,30 @@ mod tests {
         rig.hear(0, 10.0, 0.0, 50.0);
         rig.hear(1, 10.0, 0.0, 50.0);
         assert_eq!(rig.silent(20.0), None);
+    }
+
+    #[test]
+    fn what_a_clock_stamped_that_was_ahead_is_as_old_as_the_start() {
+        let rig = Rig::new();
+        // Three days, and set right while nothing ran.
+        let first = START + 3.0 * 86_400.0;
+        for k in 0..200 {
+            let t = first + TS_S * f64::from(k);
+            rig.history.push(0, Sample::good(t, f64::from(k)));
+            rig.history.push(1, Sample::good(t, f64::from(k)));
+        }
+        assert_eq!(ahead(&rig.history, START), Some((2, first + 1990.0 - START)));
+        assert_eq!(ahead(&rig.history, first), None, "half an hour is no clock that was wrong");
+        assert_eq!((rig.silent(1.0), rig.silent(590.0)), (None, None));
+        let silent = Silent { tag: Role::Pv, since: first + 1990.0 };
+        assert_eq!((rig.silent(610.0), rig.silent(86_400.0)), (Some(silent), Some(silent)));
+        // What comes now is not behind the latest of the record, but the first of another one.
+        rig.hear(0, 90_000.0, 0.0, 50.0);
+        rig.hear(1, 90_000.0, 0.0, 20.0);
+        assert_eq!(rig.silent(90_000.0), None);
+        let record = rig.history.snapshot(&rig.id).expect("the loop is there");
+        let times = [&record.op, &record.pv].map(|own| own.iter().map(|s| s.t).collect::<Vec<_>>());
+        assert_eq!(times, [[START + 90_000.0], [START + 90_000.0]]);
     }
 
     #[test]

@@ -158,8 +158,14 @@ async fn a_loop_of_which_nothing_comes_any_more_is_not_diagnosed_again() {
     });
     let app = App::build(config(), clock, diagnose).expect("it is sound");
     let history = app.state.lock().await.history.clone();
-    for (k, tag) in (0..300).flat_map(|k| [(k, 0), (k, 1)]) {
-        assert!(history.push(tag, Sample::good(START + f64::from(k), f64::from(k % 17))));
+    // A sample comes when its stamp says so (s after the start).
+    let comes = |tag: usize, at: f64, value: f64| {
+        assert!(history.push(tag, Sample::good(START + at, value)));
+        history.ring(tag).expect("a tag").heard().sample(START + at, at);
+    };
+    for k in 0..300 {
+        comes(0, f64::from(k), f64::from(k % 17));
+        comes(1, f64::from(k), f64::from(k % 17));
     }
     let (id, stop) = (LoopId::new("FIC203"), CancellationToken::new());
     let said = async |after_s: f64| {
@@ -172,8 +178,8 @@ async fn a_loop_of_which_nothing_comes_any_more_is_not_diagnosed_again() {
         let reason = "silent: no good sample of PV since 2026-01-01 00:04:59 UTC".to_string();
         let silent = ("not_identifiable".to_string(), Some("silent".to_string()), reason);
         assert_eq!([said(3601.0).await, said(400_000.0).await], [silent.clone(), silent]);
-        history.push(1, Sample::good(START + 400_299.0, 1.0));
-        history.push(0, Sample::good(START + 400_299.0, 1.0));
+        comes(1, 400_299.0, 1.0);
+        comes(0, 400_299.0, 1.0);
         assert_eq!(said(400_001.0).await.0, "no_stiction", "it is back");
         stop.cancel();
     };

@@ -186,6 +186,7 @@ fn order(control_loop: &str) -> Order {
         first: 1000.0,
         suspected: 2000.0,
         why: None,
+        gains_nothing: false,
         victims: Vec::new(),
         looks: VecDeque::new(),
         before: None,
