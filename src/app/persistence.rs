@@ -8,6 +8,7 @@ mod feed;
 mod retired;
 mod room;
 pub(super) mod rows;
+mod set_back;
 mod terms;
 mod waiting;
 
@@ -21,6 +22,7 @@ use crate::signal::LoopId;
 use crate::store::{self, AlarmRow, Flusher, Found, ModelRow, Reader, Store, StoreError, TagName, Writer};
 use feed::{Merge, Now, StoreFeed};
 use rows::{remembered, remembered_alarms, remembered_changes, remembered_model};
+use set_back::SetBacks;
 use std::collections::VecDeque;
 use std::io;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
@@ -51,6 +53,7 @@ pub(super) type TakeBack = Box<dyn Fn(KeptPlant) + Send + Sync>;
 #[derive(Default)]
 struct Shared {
     taps: Mutex<Vec<Arc<Tap>>>,
+    set_backs: Mutex<SetBacks>,
     changes: Mutex<Waiting>,
     /// Rows of parts that make their own.
     rows: Mutex<VecDeque<store::Row>>,
@@ -77,6 +80,8 @@ struct Tap {
     next: AtomicU64,
     /// Stamp of the last that is (s), as bits; NaN before there is one.
     last: AtomicU64,
+    /// How often the clock was set back before this ring was followed: its samples belong to no earlier era.
+    set_backs: u32,
     /// Nobody pushes any more: gone when it is drained.
     retired: AtomicBool,
 }
@@ -142,6 +147,7 @@ impl Persistence {
         });
         *lock(&persistence.opened) = Some(opened);
         persistence.follow(history, f64::INFINITY);
+        super::silence::tell_ahead(history, clock.now());
         let shared = persistence.shared.clone();
         results.keep_with(Arc::new(move |change| {
             let dropped = lock(&shared.changes).put(change);
@@ -344,6 +350,7 @@ impl Persistence {
     /// `now` (s) is of before a clock was set back, and no measure for what comes.
     fn follow(&self, history: &History, now: f64) {
         let is_damaged = self.is_damaged();
+        let set_backs = lock(&self.shared.set_backs).by(now);
         let mut taps = lock(&self.shared.taps);
         let old = std::mem::take(&mut *taps);
         // Those that are filled come first.
@@ -362,6 +369,7 @@ impl Persistence {
                     tag: Arc::new(tag),
                     next: ring.pushed().into(),
                     last: ring.latest().filter(|s| s.t <= now).map_or(f64::NAN, |s| s.t).to_bits().into(),
+                    set_backs,
                     ring,
                     retired: false.into(),
                 }),

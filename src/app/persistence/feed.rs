@@ -2,6 +2,7 @@
 
 use super::again::Again;
 use super::rows::rows;
+use super::set_back::SET_BACK_S;
 use super::waiting::{drop_oldest, keep_latest};
 use super::{Shared, Tap, lock};
 use crate::signal::Sample;
@@ -15,8 +16,6 @@ use std::sync::atomic::Ordering::Relaxed;
 const MAX_SAMPLES: usize = 200_000;
 /// Other rows written in one go, and what was said together with the last of them.
 const MAX_ROWS: usize = 1000;
-/// A clock that goes back by less (s) was only corrected.
-const SET_BACK_S: f64 = 1.0;
 /// A source whose stamps fall back more often than this (s) has no clock to go by: what it sends is taken for late.
 const FALLS_S: f64 = 3600.0;
 /// Stamps of a source may be ahead of our clock by this (s) when the daemon starts.
@@ -89,9 +88,11 @@ impl StoreFeed {
         // Set back while nobody ran: what was kept is of later.
         let last = |tap: &Arc<Tap>| f64::from_bits(tap.last.load(Relaxed));
         let newest = lock(&shared.taps).iter().map(last).fold(f64::NEG_INFINITY, f64::max);
+        let told = clock().max(newest - AHEAD_S);
+        lock(&shared.set_backs).begin(told);
         Self {
             shared,
-            told: clock().max(newest - AHEAD_S),
+            told,
             fell: f64::NEG_INFINITY,
             clock,
             merge,
@@ -166,7 +167,7 @@ impl Feed for StoreFeed {
         }
         self.bound();
         let now = (self.clock)();
-        if now < self.told - SET_BACK_S {
+        if lock(&self.shared.set_backs).look(now) {
             self.owed = self.owed.saturating_add(1);
             if self.back == Back::No {
                 self.back = Back::Before;
@@ -228,10 +229,15 @@ impl Feed for StoreFeed {
         let taps = lock(&self.shared.taps).clone();
         self.first = if taps.is_empty() { 0 } else { self.first % taps.len() };
         let mut room = MAX_SAMPLES;
+        let begun = lock(&self.shared.set_backs).count().saturating_sub(self.owed);
         for tap in taps[self.first..].iter().chain(&taps[..self.first]) {
             if room == 0 {
                 self.full = true;
                 break;
+            }
+            // A ring that is followed since a later set-back has nothing of the era that is written now, and does not fall back.
+            if self.back == Back::Before && tap.set_backs > begun {
+                continue;
             }
             let next = tap.next.load(Relaxed);
             let (first, mut samples) = tap.ring.since(next, room);
