@@ -227,8 +227,8 @@ impl Between {
         }
         let Ok((line, from_near)) = first_line(near).await else { return Ok(None) };
         let Some(mut greeting) = self.introduced(&line, encrypts) else { return Ok(None) };
-        if let Some(password) = self.password().await? {
-            greeting.insert("pass".into(), password.into());
+        for (field, value) in self.proof(said.nonce).await? {
+            greeting.insert(field.into(), value.into());
         }
         let text = serde_json::to_vec(&greeting).map_err(|error| error.to_string())?;
         let greeting = [b"CONNECT ".as_slice(), text.as_slice(), b"\r\n"].concat();
@@ -249,10 +249,11 @@ impl Between {
         connecting.await.map_err(|error| format!("no TLS: {error}"))
     }
 
-    /// The user's password as it is now: the client has the one of the start, and passwords are replaced while we run.
-    async fn password(&self) -> Result<Option<String>, String> {
+    /// What lets this machine in, by fields of the protocol. It is read from its files for each connection: passwords, credentials and
+    /// keys are replaced while we run.
+    async fn proof(&self, nonce: String) -> Result<Vec<(&'static str, String)>, String> {
         let config = self.config.clone();
-        spawn_blocking(move || login::password(&config)).await.map_err(|error| error.to_string())?
+        spawn_blocking(move || login::proof(&config, &nonce)).await.map_err(|error| error.to_string())?
     }
 
     /// What the client says of itself, with its own name; nothing where it is not our client.
@@ -351,6 +352,8 @@ struct Said {
     shown: Vec<u8>,
     encrypts: bool,
     others: Vec<ServerAddr>,
+    /// What it asks to be signed; empty where it asks for nothing.
+    nonce: String,
 }
 
 impl Said {
@@ -361,8 +364,10 @@ impl Said {
         let others = told.iter().filter_map(Value::as_array).flatten().filter_map(Value::as_str);
         let others = others.filter(|address| address.len() <= MOST_ADDRESS);
         let others = others.filter_map(|address| address.parse::<ServerAddr>().ok()).collect();
+        let nonce = said.get("nonce").and_then(Value::as_str).unwrap_or_default().to_string();
         let text = serde_json::to_vec(&said).ok()?;
-        Some(Self { shown: [b"INFO ".as_slice(), text.as_slice(), b"\r\n"].concat(), encrypts, others })
+        let shown = [b"INFO ".as_slice(), text.as_slice(), b"\r\n"].concat();
+        Some(Self { shown, encrypts, others, nonce })
     }
 }
 

@@ -1,6 +1,9 @@
 //! Relays between servers that are made up and clients that are none.
 
 use super::*;
+use base64::Engine as _;
+use base64::engine::general_purpose::URL_SAFE_NO_PAD;
+use nkeys::KeyPair;
 use std::path::PathBuf;
 use tokio_rustls::TlsAcceptor;
 use tokio_rustls::rustls::ServerConfig;
@@ -109,6 +112,49 @@ async fn a_password_that_was_replaced_is_shown_at_the_next_connection() {
         assert_eq!(line(&mut far).await, shown);
     }
     std::fs::remove_file(file).unwrap();
+}
+
+#[tokio::test]
+async fn credentials_and_keys_that_were_replaced_sign_the_next_connection() {
+    let file = std::env::temp_dir().join(format!("stictiond-relay-{}-key", std::process::id()));
+    let write = |field: &str, jwt: &str, key: &KeyPair| {
+        let seed = key.seed().unwrap();
+        let text = match field {
+            "nkey_file" => format!("{seed}\n"),
+            _ => format!(
+                "-----BEGIN NATS USER JWT-----\n{jwt}\n------END NATS USER JWT------\n\n\
+                 -----BEGIN USER NKEY SEED-----\n{seed}\n------END USER NKEY SEED------\n"
+            ),
+        };
+        std::fs::write(&file, text).unwrap();
+    };
+    for field in ["nkey_file", "credentials_file"] {
+        let (listener, port) = listening().await;
+        let own = match field {
+            "nkey_file" => Config { nkey_file: Some(file.clone()), ..config("nats", port) },
+            _ => Config { credentials_file: Some(file.clone()), ..config("nats", port) },
+        };
+        let relay = Relay::start(&own, "a".into()).await.unwrap();
+        for (jwt, nonce) in [("old.jwt", "first"), ("new.jwt", "second")] {
+            let key = KeyPair::new_user();
+            write(field, jwt, &key);
+            let mut near = TcpStream::connect(relay.address).await.unwrap();
+            let (mut far, _) = listener.accept().await.unwrap();
+            far.write_all(format!("INFO {{\"nonce\":\"{nonce}\"}}\r\n").as_bytes()).await.unwrap();
+            line(&mut near).await;
+            let connect = format!("CONNECT {{\"name\":\"{}\"}}\r\n", relay.secret());
+            near.write_all(connect.as_bytes()).await.unwrap();
+            let shown = line(&mut far).await;
+            let shown: Value = serde_json::from_str(shown.strip_prefix("CONNECT ").unwrap()).unwrap();
+            let signature = URL_SAFE_NO_PAD.decode(shown["sig"].as_str().unwrap()).unwrap();
+            key.verify(nonce.as_bytes(), &signature).expect("it is signed by the key of now");
+            match field {
+                "nkey_file" => assert_eq!(shown["nkey"], key.public_key()),
+                _ => assert_eq!(shown["jwt"], jwt),
+            }
+        }
+    }
+    std::fs::remove_file(&file).unwrap();
 }
 
 #[tokio::test]
