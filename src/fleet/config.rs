@@ -16,7 +16,7 @@ pub struct Config {
     pub name: Option<String>,
     /// Where NATS is: `nats://host:port` or `tls://host:port`.
     pub servers: Vec<String>,
-    /// The hub's JetStream domain, through which leaf nodes reach it.
+    /// The name by which the streams are asked for: a JetStream domain, or what the hub maps to its API.
     #[serde(default = "domain")]
     pub domain: String,
     /// Credentials of an account (`.creds`).

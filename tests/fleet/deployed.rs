@@ -39,7 +39,7 @@ fn filled(name: &str, with: &[(&str, String)]) -> String {
 
 fn hub() -> Nats {
     Nats::with("deployed-hub", |folder, [clients, leaves]| {
-        filled(
+        let text = filled(
             "hub.conf",
             &[
                 ("listen: 0.0.0.0:4222", format!("listen: 127.0.0.1:{clients}")),
@@ -47,17 +47,27 @@ fn hub() -> Nats {
                 ("/var/lib/nats", folder.join("js").display().to_string()),
                 (HASH, PASSWORD.to_string()),
             ],
-        )
+        );
+        with_south(&text)
     })
 }
 
-/// The leaf node of the site called north.
-fn leaf(hub: &Nats) -> Nats {
-    let address = format!("nats-leaf://edge-north:{PASSWORD}@127.0.0.1:{}", hub.leaf_port());
-    Nats::with("deployed-leaf", |_, [clients, _]| {
+/// `hub.conf` with a second site, called south: a copy of the account of north, as `docs/fleet.md` says.
+fn with_south(text: &str) -> String {
+    let (before, account) = text.split_once("\n  north {").expect("the account of a site");
+    let (account, end) = account.rsplit_once('}').expect("the end of the accounts");
+    let copy = account.replace("north", "south");
+    format!("{before}\n  north {{{account}\n  south {{{copy}}}{end}")
+}
+
+/// The leaf node of a site.
+fn leaf(hub: &Nats, site: &str) -> Nats {
+    let address = format!("nats-leaf://edge-{site}:{PASSWORD}@127.0.0.1:{}", hub.leaf_port());
+    Nats::with(&format!("deployed-{site}"), |_, [clients, _]| {
         filled(
             "leaf.conf",
             &[
+                ("server_name: stictiond-north", format!("server_name: stictiond-{site}")),
                 ("listen: 127.0.0.1:4222", format!("listen: 127.0.0.1:{clients}")),
                 ("nats-leaf://edge-north:PASSWORD@hub.example:7422", address),
             ],
@@ -107,13 +117,17 @@ fn the_servers_take_their_configurations() {
         let (is_good, said) = check(&path(name));
         assert!(is_good, "{said}");
     }
-    // One that is none is refused.
+    // One that is none is refused, and one that lets a site speak in the name of another.
     let folder = folder("deployed-check");
     let broken = folder.join("broken.conf");
-    fs::write(&broken, filled("hub.conf", &[("permissions: $WORKER", "permissions: $NOBODY".to_string())]))
-        .expect("writable");
-    let (is_good, said) = check(&broken);
-    assert!(!is_good, "{said}");
+    for (old, new, why) in [
+        ("permissions: $WORKER", "permissions: $NOBODY", "NOBODY"),
+        ("\n  north {", "\n  south {", "import not authorized"),
+    ] {
+        fs::write(&broken, filled("hub.conf", &[(old, new.to_string())])).expect("writable");
+        let (is_good, said) = check(&broken);
+        assert!(!is_good && said.contains(why), "{said}");
+    }
     fs::remove_dir_all(&folder).expect("writable");
 }
 
@@ -121,12 +135,14 @@ fn the_servers_take_their_configurations() {
 struct Roles {
     centre: Link,
     worker: Link,
-    /// Nobody to its leaf node, which has the log-in of its site.
+    /// Nobody to its leaf node, which has the log-in of its site, north.
     edge: Link,
+    /// The same of the site south.
+    south: Link,
 }
 
 impl Roles {
-    async fn of(hub: &Nats, leaf: &Nats, folder: &Path) -> Self {
+    async fn of(hub: &Nats, [north, south]: [&Nats; 2], folder: &Path) -> Self {
         let (centre, config) = link(&section(hub, Some("centre"), folder)).await;
         let begun = Instant::now();
         while let Err(error) = centre.make_streams(&config).await {
@@ -134,14 +150,15 @@ impl Roles {
             tokio::time::sleep(Duration::from_millis(50)).await;
         }
         let (worker, _) = link(&section(hub, Some("worker"), folder)).await;
-        let (edge, _) = link(&section(leaf, None, folder)).await;
-        Self { centre, worker, edge }
+        let (edge, _) = link(&section(north, None, folder)).await;
+        let (south, _) = link(&section(south, None, folder)).await;
+        Self { centre, worker, edge, south }
     }
 
     /// What an edge forwards arrives; a window goes to a worker and its answer to the edge, and an order to the edge.
     async fn do_their_parts(&self) {
         use What::{Alarm, Cursor, Diagnosis, Hello, Pulse, Samples, State};
-        let Self { centre, worker, edge } = self;
+        let Self { centre, worker, edge, .. } = self;
         for what in [Samples, Diagnosis, Alarm, State, Hello, Pulse, Cursor] {
             sent(edge, message("north", "A", what)).await;
         }
@@ -194,20 +211,21 @@ impl Roles {
 
     /// What is not theirs the hub does not take from them, and does not give them.
     async fn do_no_more(&self) {
-        let Self { centre, worker, edge } = self;
+        let Self { centre, worker, edge, south } = self;
         let mut overheard = good(worker.hear(all(None, What::Samples)).await);
-        let mut foreign = good(edge.hear(all(Some("east"), What::Answer)).await);
-        let mut own = good(edge.hear(all(Some("north"), What::Answer)).await);
+        let mut foreign = good(edge.hear(all(Some("south"), What::Answer)).await);
+        let mut everything = good(edge.hear(all(None, What::Answer)).await);
+        let mut own = good(south.hear(all(Some("south"), What::Answer)).await);
         sent(edge, message("north", "B", What::Samples)).await;
         let samples = Subject::new("north", "B", What::Samples).to_string();
-        // The orders of another site, of which one has its reader already.
-        let east = all(Some("east"), What::Action);
-        good(centre.read(ACTIONS, "edge_east_e2", &east).await);
-        sent(centre, message("east", "A", What::Action)).await;
-        // Who asks what it may not gets no answer, and waits for one.
+        // The orders of another site, which has its reader already.
+        let theirs = all(Some("south"), What::Action);
+        let mut orders = good(south.read(ACTIONS, "edge_south_e1", &theirs).await);
+        sent(centre, message("south", "A", What::Action)).await;
+        // An edge that asks what it may not is refused at once. A worker gets no answer, and waits for one.
         let refused = tokio::join!(
-            async { edge.read(ACTIONS, "edge_north_e2", &east).await.is_err() },
-            async { edge.read(ACTIONS, "edge_east_e2", &east).await.is_err() },
+            async { edge.read(ACTIONS, "edge_north_e2", &theirs).await.is_err() },
+            async { edge.read(ACTIONS, "edge_south_e1", &theirs).await.is_err() },
             async { edge.send(&[message("north", "B", What::Action)]).await.is_err() },
             async { edge.write_lease(1, "0 edge".to_string()).await.is_err() },
             async { edge.read(WINDOWS, "thief", "").await.is_err() },
@@ -227,13 +245,43 @@ impl Roles {
         assert_eq!(good(centre.lease().await).map(|own| own.holder).as_deref(), Some("c1"));
         good(worker.share(WINDOWS, "workers", &all(None, What::Window), (A_WHILE, 3)).await);
         assert!(!has_heard(&mut overheard).await, "a worker has heard samples");
-        // The answer to another site first: who hears the second would have heard it.
-        for site in ["east", "north"] {
+        let order = good(orders.next(1, A_WHILE).await).pop().expect("nobody has taken it away");
+        good(order.done().await);
+        // The answer to the other site first: who hears the second would have heard it.
+        for site in ["south", "north"] {
             let answer = message(site, "A", What::Answer);
             good(worker.tell(answer.subject, answer.body).await);
         }
         tokio::time::timeout(PATIENCE, own.next()).await.expect("it is heard").expect("it is connected");
+        let heard = tokio::time::timeout(PATIENCE, everything.next()).await.expect("it is heard");
+        let subject = message("north", "A", What::Answer).subject;
+        assert_eq!(heard.expect("it is connected").subject.as_str(), subject);
+        assert!(!has_heard(&mut everything).await, "an edge has heard what another is told");
         assert!(!has_heard(&mut foreign).await, "an edge has heard what another is told");
+    }
+
+    /// What an edge says in the name of another site no stream takes; from that site each takes it.
+    async fn speak_for_their_own_sites(&self) {
+        let Self { centre, edge, south, .. } = self;
+        let kinds = [
+            (SAMPLES, What::Samples),
+            (WINDOWS, What::Window),
+            (DIAGNOSES, What::Diagnosis),
+            (ALARMS, What::Alarm),
+            (STATES, What::State),
+            (LATEST, What::Hello),
+            (LATEST, What::Pulse),
+            (LATEST, What::Cursor),
+        ];
+        for (stream, what) in kinds {
+            let named = message("south", "N", what);
+            let subject = named.subject.clone();
+            assert!(edge.send(&[named]).await.is_err(), "{subject} was taken");
+            assert_eq!(good(centre.last(stream, &subject).await), None, "{subject}");
+            sent(south, message("south", "N", what)).await;
+            let last = good(centre.last(stream, &subject).await);
+            assert_eq!(last.map(|(_, body)| body).as_deref(), Some(what.as_str().as_bytes()), "{subject}");
+        }
     }
 }
 
@@ -246,13 +294,23 @@ async fn has_heard(hearing: &mut Hearing) -> bool {
 async fn each_role_can_do_its_part_and_no_more() {
     let folder = folder("deployed-roles");
     let hub = hub();
-    let leaf = leaf(&hub);
-    let roles = Roles::of(&hub, &leaf, &folder).await;
+    let (north, south) = (leaf(&hub, "north"), leaf(&hub, "south"));
+    let roles = Roles::of(&hub, [&north, &south], &folder).await;
     roles.do_their_parts().await;
     assert!(!hub.log().contains("Violation"), "{}", hub.log());
+    roles.speak_for_their_own_sites().await;
     roles.do_no_more().await;
     assert!(hub.log().contains("Publish Violation - User \"worker\""), "{}", hub.log());
     fs::remove_dir_all(&folder).expect("writable");
+}
+
+/// What of the log says that nobody takes or answers what a daemon sends: so an edge is told what the account of its site lacks.
+fn refusals(log: &Path) -> Vec<String> {
+    let text = fs::read_to_string(log).expect("readable");
+    let is_one = |line: &&str| {
+        line.contains("requested JetStream resource does not exist") || line.contains("no stream found")
+    };
+    text.lines().filter(is_one).map(str::to_string).collect()
 }
 
 /// A daemon of each role: what they ask of the servers is what their log-ins may.
@@ -260,7 +318,7 @@ async fn each_role_can_do_its_part_and_no_more() {
 fn the_daemons_of_each_role_need_no_more_than_they_may() {
     let folder = folder("deployed-daemons");
     let hub = hub();
-    let leaf = leaf(&hub);
+    let leaf = leaf(&hub, "north");
     let start = |role: &str, name: &str, (server, user): (&Nats, Option<&str>), rest: &str| -> Daemon {
         let store = folder.join(format!("store-{name}"));
         let store = if role == "worker" { String::new() } else { format!("[store]\nfolder = {store:?}\n") };
@@ -272,6 +330,9 @@ fn the_daemons_of_each_role_need_no_more_than_they_may() {
     };
     let centre = start("centre", "c1", (&hub, Some("centre")), "");
     centre.until("the centre leads", PATIENCE, tells);
+    // Before that nobody answers an edge.
+    let is_joined = |_: &Daemon| hub.log().contains("Leafnode connection created");
+    centre.until("the leaf node is at the hub", PATIENCE, is_joined);
     let worker = start("worker", "w1", (&hub, Some("worker")), "");
     // A loop without samples is diagnosed, too.
     let tag = |role: &str| {
@@ -301,6 +362,17 @@ fn the_daemons_of_each_role_need_no_more_than_they_may() {
         let off = own["clock_offset_s"].as_f64().expect("a number");
         assert!(off.abs() < 10.0 && own["lag_s"].is_number(), "{own}");
     }
+    for name in ["c1", "w1", "e1"] {
+        assert_eq!(refusals(&folder.join(format!("{name}.log"))), [""; 0], "{name}");
+    }
+    // An edge that `hub.conf` does not name hears no orders, and says so.
+    let unnamed = start("edge", "e2", (&leaf, None), &rest);
+    unnamed.until("it is refused", PATIENCE, |_| {
+        refusals(&folder.join("e2.log"))
+            .iter()
+            .any(|line| line.contains("orders of the centre are not heard"))
+    });
+    unnamed.stop();
     edge.stop();
     worker.stop();
     centre.stop();
