@@ -14,6 +14,7 @@ mod config;
 mod page;
 mod recorder;
 mod renew;
+mod rights;
 mod verify;
 
 pub use config::Config;
@@ -22,6 +23,7 @@ pub use page::{Line, Page, page};
 pub(crate) use recorder::Hung;
 pub use recorder::{Fault, ON_RECORD, Recorder};
 pub use renew::{Renewed, renew};
+pub use rights::remedy;
 pub use verify::{Broken, Verified, verify};
 
 use sha2::{Digest, Sha256};
@@ -43,7 +45,7 @@ fn genesis() -> Entry {
 #[derive(Debug, thiserror::Error)]
 pub enum AuditError {
     /// A file cannot be opened, written or synchronised.
-    #[error("audit log {}: {source}", path.display())]
+    #[error("audit log {}: {source}{}", path.display(), remedy(path, source))]
     Io {
         /// Which.
         path: PathBuf,

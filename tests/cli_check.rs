@@ -87,6 +87,14 @@ fn an_audit_log_that_run_cannot_go_on_with_is_told() {
     // There no file can be made, whoever asks.
     let (code, _, err) = told(Path::new("/proc/audit.log"));
     assert!(code == Some(2) && err.contains("cannot be written by the user that runs check"), "{err}");
+    // `check` and `run` name the folder and what helps; systems differ in why they refuse a file there.
+    let told_of_sys = format!("[server]\nlisten = '127.0.0.1:0'\n[audit]\nfile = '/sys/audit.log'\n{LOOP}");
+    let (code, _, err) = check(&folder, &told_of_sys);
+    assert!(code == Some(2) && err.contains("the folder /sys ") && err.contains("name a log in"), "{err}");
+    let path = folder.join("plant.toml");
+    let (code, _, err) = stictiond(&["run", "--config", path.to_str().expect("text")]);
+    let last = err.lines().last().unwrap_or_default();
+    assert!(code == Some(1) && last.contains("the folder /sys ") && last.contains("name a log in"), "{err}");
     let left = fs::read_dir(&folder).expect("there").flatten().map(|entry| entry.file_name());
     assert!(left.into_iter().all(|name| !name.to_string_lossy().contains("stictiond-check")));
     fs::remove_dir_all(&folder).expect("ours");

@@ -1,5 +1,6 @@
 //! Puts everything on record: one thread that owns the audit log, so that waiting for the disk delays no timer.
 
+use super::rights::try_folder;
 use super::{self as audit, AuditError, Bounds, Log, before, open_head};
 use std::collections::VecDeque;
 use std::fs::File;
@@ -87,11 +88,15 @@ impl Recorder {
     /// without what needs a record.
     ///
     /// # Errors
-    /// [`AuditError::InUse`] while another process has the log, [`AuditError::Io`] when it cannot be opened or written.
+    /// [`AuditError::InUse`] while another process has the log, [`AuditError::Io`] when it cannot be opened or written, or no file can
+    /// be made in its folder.
     pub fn start(path: &Path, bounds: Bounds, now: f64) -> Result<Self, AuditError> {
         let head = open_head(path)?;
         match before(path) {
-            Ok(before) => Ok(Self::of(Log::go_on(path, bounds, &stamp(now), head, before)?)),
+            Ok(before) => {
+                try_folder(path)?;
+                Ok(Self::of(Log::go_on(path, bounds, &stamp(now), head, before)?))
+            }
             Err(error @ AuditError::Broken { .. }) => Ok(Self::damaged(path, head, &error)),
             Err(error) => Err(error),
         }

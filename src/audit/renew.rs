@@ -1,5 +1,6 @@
 //! A new log in the place of one that is damaged. Somebody has decided so: nothing is ever written behind a broken chain.
 
+use super::rights::folder_of;
 use super::{
     AuditError, Bounds, Broken, Log, before, genesis, head_path, hex, open_head, open_own, with_suffix,
 };
@@ -144,10 +145,6 @@ fn new_folder(path: &Path) -> io::Result<PathBuf> {
         }
     }
     Err(io::Error::other(format!("there are {MOST_ASIDE} damaged logs beside it already")))
-}
-
-fn folder_of(path: &Path) -> &Path {
-    path.parent().filter(|folder| *folder != Path::new("")).unwrap_or(Path::new("."))
 }
 
 /// Root may act for the user that runs the daemon, who is to write the new log.

@@ -2,6 +2,7 @@
 
 mod surroundings;
 
+use super::text::many;
 use super::{Failure, print};
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -62,16 +63,16 @@ fn summary(config: &Config, plant: &Plant) -> (String, Vec<String>) {
     let requests: usize = plant.plans.iter().map(|plan| plan.requests.len()).sum();
     let tags: usize = plant.loops.iter().map(|own| own.tags.len()).sum();
     let devices = plant.plans.len() + plant.opcua.len() + plant.mqtt.len();
-    let _ = writeln!(out, "devices  {devices}, {requests} requests a round");
+    let _ = writeln!(out, "devices  {devices}, {} a round", many(requests, "request"));
     for plan in &plant.plans {
         let _ = writeln!(
             out,
-            "         {}: {} unit {}, {} tags in {} requests every {} ms",
+            "         {}: {} unit {}, {} in {} every {} ms",
             plan.name,
             plan.address,
             plan.unit_id,
-            plan.tags.len(),
-            plan.requests.len(),
+            many(plan.tags.len(), "tag"),
+            many(plan.requests.len(), "request"),
             plan.period.as_millis()
         );
     }

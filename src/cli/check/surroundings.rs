@@ -25,11 +25,17 @@ pub fn unwritable_logs(config: &Config) -> Vec<String> {
 }
 
 fn unwritable(file: &Path) -> Option<String> {
-    let cannot = |path: PathBuf| {
-        let why = without_number(&try_to_write(&path).err()?.to_string());
-        Some(format!("{} cannot be written by the user that runs check: {why}", path.display()))
+    let told = |path: &Path, error: io::Error| {
+        let (why, remedy) = (without_number(&error.to_string()), audit::remedy(file, &error));
+        format!("{} cannot be written by the user that runs check: {why}{remedy}", path.display())
     };
-    cannot(file.to_path_buf()).or_else(|| cannot(beside(file, ".head")))
+    let cannot = |path: &Path| Some(told(path, try_to_write(path).err()?));
+    // A log that is full is moved, and the next one made. A disk that is full keeps no log from going on.
+    let folder = || {
+        let error = try_to_make(folder_of(file)).err();
+        Some(told(folder_of(file), error.filter(|error| !audit::remedy(file, error).is_empty())?))
+    };
+    cannot(file).or_else(|| cannot(&beside(file, ".head"))).or_else(folder)
 }
 
 /// What was changed in the audit logs, so that `run` would refuse what needs an entry in them.
