@@ -87,10 +87,10 @@ fn read_bytes(bytes: Vec<u8>, wanted: Option<&str>, of_record: bool) -> Result<S
     refuse_other_archive(&parts)?;
     let kind = Kind::of(&parts);
     let mut memory = guard::check(&bytes, archive.as_mut(), kind)?;
-    let since_1904 = archive.as_mut().is_some_and(is_since_1904);
     // The library opens the archive for itself; ours is not held beside it.
     drop(archive);
     let book = open(bytes, kind, !parts.is_empty())?;
+    let since_1904 = is_since_1904(&book);
     Ok(Sheet { since_1904, ..choose(book, wanted, of_record, &mut memory)? })
 }
 
@@ -122,15 +122,15 @@ fn open(bytes: Arc<[u8]>, kind: Kind, is_archive: bool) -> Result<Book, TableErr
     })
 }
 
-/// Whether an `.xlsx` says that it counts days from 1904. The library heeds it where a cell has the format of a date, and a bare number
-/// of days has none.
-fn is_since_1904(archive: &mut Archive) -> bool {
-    /// More than a list of sheets takes (bytes).
-    const MAX_LIST_BYTES: u64 = 1 << 20;
-    let mut text = String::new();
-    let part = archive.by_name("xl/workbook.xml");
-    let read = part.map(|part| part.take(MAX_LIST_BYTES).read_to_string(&mut text));
-    read.is_ok() && ["date1904=\"1\"", "date1904=\"true\""].iter().any(|said| text.contains(said))
+/// Whether a workbook says that it counts days from 1904. The library heeds it where a cell has the format of a date, and a bare number
+/// of days has none. OpenDocument writes dates as text.
+fn is_since_1904(book: &Book) -> bool {
+    match book {
+        Sheets::Xls(book) => book.has_1904_epoch(),
+        Sheets::Xlsx(book) => book.has_1904_epoch(),
+        Sheets::Xlsb(book) => book.has_1904_epoch(),
+        Sheets::Ods(_) => false,
+    }
 }
 
 fn choose(

@@ -3,6 +3,7 @@
 use super::archive::{Part, of_parts};
 use super::bombs::{NAMES, PACKAGE, RELATIONS, ROWS, is_refused, is_sound};
 use super::xlsb_records::{record, told, wide};
+use stictiond::table::Options;
 
 /// A record that says it is as long as one can be.
 fn lie(kind: u16) -> Vec<u8> {
@@ -102,6 +103,32 @@ fn cells_far_apart_in_an_xlsb_are_no_cells_between() {
     is_sound(&changed(|_| {}));
     // The last row and column that there can be.
     is_sound(&changed(|parts| parts.sheet.extend([row(1_048_575), cell(5, 16_383, &1f64.to_le_bytes())])));
+}
+
+/// Times that are bare numbers of days: whether they count from 1904 says a flag of the workbook.
+#[test]
+fn days_since_1904_in_an_xlsb_are_not_taken_for_days_since_1900() {
+    const PROPERTIES: u16 = 0x99;
+    /// 2026-06-01, as days since 1900.
+    const DAY: f64 = 46_174.0;
+    let example = super::example();
+    let read = |flags: u8| {
+        let mut parts = Parts::sound();
+        parts.book.insert(0, record(PROPERTIES, &[flags, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]));
+        // What begins the sheet, and its names.
+        parts.sheet.truncate(6);
+        for (at, (op, pv)) in (1..).zip(example.op.iter().zip(&example.pv)) {
+            parts.sheet.push(row(at));
+            let cells = (0..).zip([DAY + op.t / 86_400.0, op.value, pv.value]);
+            parts.sheet.extend(cells.map(|(column, value)| cell(5, column, &value.to_le_bytes())));
+        }
+        super::of_bytes(&parts.archive(), &Options::default())
+    };
+    let said = read(1).expect_err("bare numbers");
+    assert!(said.contains("counts them from 1904"), "{said}");
+    let found = read(0).expect("days since 1900");
+    assert!(found.found.read_as.contains("days of a spreadsheet"), "{}", found.found.read_as);
+    assert!(super::bits(&found.record) == super::bits(&example));
 }
 
 #[test]

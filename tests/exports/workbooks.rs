@@ -3,6 +3,7 @@
 use super::archive::archive;
 use super::clocks::civil;
 use super::dress::BEGIN;
+use super::xls::{LAST, compound_of, number, record, stream_of, told_text};
 use super::{bits, example, of_bytes};
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -206,6 +207,30 @@ fn days_since_1904_are_not_taken_for_days_since_1900() {
     let t = |book: Vec<u8>| of_bytes(&book, &Options::default()).expect("dates").record.op[0].t;
     assert_eq!((t(book("s=\"1\"", "1")) - t(book("s=\"1\"", "0"))).round(), 1462.0 * 86_400.0);
     assert!((t(book("", "0")) - t(book("s=\"1\"", "0"))).abs() < 1e-3);
+}
+
+/// The same for Excel 97, whose workbooks say it in a record of their own.
+#[test]
+fn days_since_1904_in_an_excel_97_workbook_are_not_taken_for_days_since_1900() {
+    const DATE_MODE: u16 = 0x0022;
+    let example = example();
+    let names = (0u16..).zip(["Time", "OP %", "PV"]);
+    let mut sheet: Vec<u8> =
+        names.flat_map(|(column, name)| told_text(0, column, name.len() as u16, name)).collect();
+    for (row, (op, pv)) in (1u16..).zip(example.op.iter().zip(&example.pv)) {
+        for (column, value) in (0u16..).zip([serial(op.t), op.value, pv.value]) {
+            sheet.extend(number(row, column, value));
+        }
+    }
+    let read = |mode: u16| {
+        let stream = stream_of(&|_| record(DATE_MODE, &mode.to_le_bytes()), &sheet);
+        of_bytes(&compound_of("Workbook", &stream, LAST), &Options::default())
+    };
+    let said = read(1).expect_err("bare numbers");
+    assert!(said.contains("counts them from 1904"), "{said}");
+    let found = read(0).expect("days since 1900");
+    assert!(bits(&found.record) == bits(&example));
+    assert!((found.record.op[0].t - BEGIN as f64 - example.op[0].t).abs() < 1e-3);
 }
 
 #[test]
