@@ -150,6 +150,39 @@ fn a_file_that_a_daemon_has_refused_does_not_count_against_its_health() {
     assert!(code == Some(2) && why.contains("write id = \"FIC101\""), "{why}");
 }
 
+/// A daemon listens where it did at its start, whatever its file says by now.
+#[test]
+fn health_says_that_a_file_may_be_newer_than_the_daemon() {
+    let path = config("health_newer.toml", "127.0.0.1:0");
+    let file = path.display().to_string();
+    let health = |more: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_stictiond"));
+        let output = command.args(["health", "--config", &file]).args(more).output().unwrap();
+        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    };
+    let mut child = run(&path).spawn().unwrap();
+    let mut log = BufReader::new(child.stderr.take().unwrap());
+    let address = wait_for(&mut log, "serving")["address"].as_str().unwrap().to_string();
+    // Nobody listens there.
+    let text = fs::read_to_string(&path).unwrap().replace("127.0.0.1:0", "127.0.0.1:9");
+    fs::write(&path, &text).unwrap();
+    signal(&child, "-HUP");
+    wait_for(&mut log, "[server] has changed");
+    let newer = format!("[server] of {file} has this address, and the file may be newer than the daemon");
+    let (code, why) = health(&[]);
+    assert_eq!((code, why.lines().count()), (Some(1), 1), "{why}");
+    assert!(why.starts_with("stictiond: 127.0.0.1:9: ") && why.contains(&newer), "{why}");
+    assert_eq!(health(&[&address]), (Some(0), String::new()));
+    // A file that is wrong elsewhere has an address all the same.
+    fs::write(&path, text + "[[loop]]\nid = FIC101\n").unwrap();
+    let (code, why) = health(&[]);
+    assert_eq!(code, Some(2), "{why}");
+    let last = why.lines().last().unwrap();
+    assert!(last.contains("no daemon answers at 127.0.0.1:9: ") && last.contains(&newer), "{why}");
+    signal(&child, "-TERM");
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+}
+
 /// Two daemons would write the same registers, and the same audit log.
 #[test]
 fn a_demo_that_writes_makes_no_configuration_for_another_daemon() {

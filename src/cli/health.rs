@@ -6,7 +6,7 @@ use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpStream, ToSocketAddrs}
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
-use stictiond::config;
+use stictiond::config::{self, Diagnostic};
 use tokio_rustls::rustls::client::WebPkiServerVerifier;
 use tokio_rustls::rustls::client::danger::{HandshakeSignatureValid, ServerCertVerified, ServerCertVerifier};
 use tokio_rustls::rustls::crypto::{CryptoProvider, ring, verify_tls12_signature, verify_tls13_signature};
@@ -60,20 +60,39 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         None => (stictiond::serve::Config::default(), Vec::new()),
     };
     let address = args.address.clone().unwrap_or_else(|| reachable(server.listen).to_string());
-    let failed = |error: &dyn std::fmt::Display| Failure::Failed(format!("{address}: {error}"));
+    let hint = hint(args);
+    let failed = |error: &dyn std::fmt::Display| Failure::Failed(format!("{address}: {error}{hint}"));
     let tls = match args.ca_file.is_some() || server.tls.is_some() {
         true => Some(tls(args).map_err(Failure::BadInput)?),
         false => None,
     };
     let asked = ask(&address, tls, Duration::from_millis(args.timeout_ms));
-    let status = asked.map_err(|error| match wrong.is_empty() {
-        true => failed(&error),
+    let status = asked.map_err(|error| match &args.config {
         // A daemon that answers has refused a wrong file. Where none answers, the file may be why.
-        false => Failure::BadConfig(wrong),
+        Some(path) if !wrong.is_empty() => {
+            let told = format!("no daemon answers at {address}: {error}{hint}");
+            let told = Diagnostic::of_file(&path.display().to_string(), told);
+            Failure::BadConfig(wrong.into_iter().chain([told]).collect())
+        }
+        _ => failed(&error),
     })?;
     match status.split_whitespace().nth(1) {
         Some("200") => print("ok\n"),
         _ => Err(failed(&format!("answers {status:?}"))),
+    }
+}
+
+/// What to think of where the address is that of a file: a daemon reads `[server]` at its start only.
+fn hint(args: &Args) -> String {
+    match (&args.config, &args.address) {
+        (Some(path), None) => {
+            let file = path.display();
+            format!(
+                "; [server] of {file} has this address, and the file may be newer than the daemon, which listens where it did at its \
+                 start: restart it, or ask there with `stictiond health --config {file} HOST:PORT`"
+            )
+        }
+        _ => String::new(),
     }
 }
 
