@@ -25,6 +25,8 @@ const MOST_WAIT: Duration = Duration::from_secs(600);
 const SAMPLE_WAIT: Duration = Duration::from_millis(2);
 /// With many live values waiting, a server that has not answered for so long is not waited for.
 const STALLED: Duration = Duration::from_secs(10);
+/// Tags that a line of the log names; more are counted.
+const MOST_NAMED: usize = 10;
 /// After so many sessions in a row that were lost while history was read, one goes on without it.
 const MOST_LOST: u32 = 2;
 
@@ -199,12 +201,12 @@ impl Collector {
             let seconds = to - AHEAD_S - from;
             info!(device = %self.name(), tags = asked.len(), seconds, "history of before the start is read");
         }
-        let (mut samples, mut unfilled, mut refused, mut over) = (0, 0, false, None);
+        let (mut samples, mut unfilled, mut refused, mut over) = (0, Vec::new(), false, None);
         let batches = asked.chunks(link.batch().max(1));
         let count = batches.len();
         for (done, batch) in batches.enumerate() {
             if refused {
-                unfilled += batch.len();
+                unfilled.extend_from_slice(batch);
                 continue;
             }
             patience.begin(count - done);
@@ -223,18 +225,34 @@ impl Collector {
                 self.tags[*at].filled(failed);
             }
             samples += filled.samples;
-            unfilled += filled.failed.len();
+            unfilled.append(&mut filled.failed);
             refused = filled.refused;
             over = over.or(filled.over);
         }
+        let (missing, unfilled) = (self.names(&unfilled), unfilled.len());
+        let missing = missing.as_deref();
         if let Some(why) = over {
-            warn!(device = %self.name(), samples, unfilled, "history is broken off, and the rest stays a gap: {why}");
+            warn!(
+                device = %self.name(), samples, unfilled, missing,
+                "history is broken off, and the rest stays a gap: {why}"
+            );
         } else if samples == 0 && unfilled > 0 {
-            info!(device = %self.name(), "the server gives no history: the gap stays");
+            info!(device = %self.name(), missing, "the server gives no history: the gap stays");
         } else {
-            info!(device = %self.name(), tags = asked.len(), samples, unfilled, "gap filled from history");
+            info!(device = %self.name(), tags = asked.len(), samples, unfilled, missing, "gap filled from history");
         }
         Ok(())
+    }
+
+    /// The first of some tags by name, and how many more there are; `None` for none.
+    fn names(&self, tags: &[usize]) -> Option<String> {
+        let first = tags.iter().take(MOST_NAMED).map(|at| self.plan.tags[*at].name.as_str());
+        let first: Vec<&str> = first.collect();
+        let more = match tags.len().saturating_sub(MOST_NAMED) {
+            0 => String::new(),
+            more => format!(" and {more} more"),
+        };
+        (!first.is_empty()).then(|| first.join(", ") + &more)
     }
 
     async fn fill_some(

@@ -8,6 +8,8 @@ use crate::collect::opcua::listener::{Event, Events, Listener, listener};
 use futures::FutureExt;
 use opcua::client::{MonitoredItem, OnSubscriptionNotification};
 use opcua::types::{ByteString, StatusCode};
+use std::io::Write;
+use std::sync::Mutex;
 
 /// Values that are more than wait for history, and fewer than wait at all.
 const SENT: u32 = 60_000;
@@ -102,6 +104,46 @@ async fn live_values_wait_for_a_slow_historian_no_longer_than_ten_minutes() {
     assert_eq!(began.elapsed().as_secs(), 600);
     assert_eq!((historian.asked, since(&sink, 0).len()), (67, 66), "the last answer was not waited for");
     assert!(collector.tags[0].gap, "the rest is missing");
+}
+
+/// Lines of the log.
+#[derive(Clone, Default)]
+struct Log(Arc<Mutex<Vec<u8>>>);
+
+impl Write for Log {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.0.lock().unwrap().extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn history_that_is_given_up_is_told_once_with_its_device_and_its_tags() {
+    let (sink, log) = (Recorder::default(), Log::default());
+    let writer = log.clone();
+    let to_log = tracing_subscriber::fmt().with_ansi(false).with_writer(move || writer.clone()).finish();
+    let _guard = tracing::subscriber::set_default(to_log);
+    let mut collector = after_an_outage(12, &sink).await;
+    let slow = |asked: usize, _: f64| page(vec![good(1.0, START + 20.0 + asked as f64)], true);
+    let mut historian = told(Duration::from_secs(9), 100, slow);
+    let (_listener, events) = listening(&collector);
+    collector.fill(&mut historian, Some(&events), &sink).await.expect("the session lives");
+    // Live values go on, and it is not told again.
+    second(&mut collector, &[0], 0.0, &sink).await;
+    let said = String::from_utf8_lossy(&log.0.lock().unwrap()).into_owned();
+    let warnings: Vec<&str> = said.lines().filter(|line| line.contains(" WARN ")).collect();
+    let [warning] = warnings[..] else { panic!("{said}") };
+    for part in [
+        "history is broken off, and the rest stays a gap",
+        "device=d",
+        "unfilled=12",
+        "missing=\"tag 0, tag 1, tag 2, tag 3, tag 4, tag 5, tag 6, tag 7, tag 8, tag 9 and 2 more\"",
+    ] {
+        assert!(warning.contains(part), "{part}: {warning}");
+    }
 }
 
 #[tokio::test(start_paused = true)]
