@@ -46,3 +46,24 @@ fn every_link_to_a_file_leads_somewhere() {
     }
     assert!(files > 5 && headings > 5, "only {files} links found, {headings} to a heading");
 }
+
+/// A picture that nobody can make again shows what the program no longer does.
+#[test]
+fn every_picture_is_made_by_a_script_that_says_so() {
+    const OTHERS: [(&str, &str); 2] =
+        [("closing-", "closing-*    scripts/worked-examples"), ("soak", "soak         scripts/soak")];
+    let script = read("scripts/screenshot");
+    let made = script.split_once("\nmade=(").and_then(|(_, rest)| rest.split(')').next());
+    let mut made: Vec<&str> = made.expect("a list of what it makes").split_whitespace().collect();
+    for entry in fs::read_dir(root().join("docs/img")).expect("the folder is there") {
+        let path = entry.expect("readable").path();
+        let name = path.file_stem().and_then(|name| name.to_str()).expect("a name");
+        if let Some((_, said)) = OTHERS.iter().find(|(begin, _)| name.starts_with(begin)) {
+            assert!(script.contains(said), "{name}: scripts/screenshot does not say what makes it");
+            continue;
+        }
+        assert!(made.contains(&name), "{name}: scripts/screenshot does not make it");
+        made.retain(|own| *own != name);
+    }
+    assert!(made.is_empty(), "scripts/screenshot makes pictures that are not there: {made:?}");
+}
