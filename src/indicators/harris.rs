@@ -24,6 +24,9 @@ const BLOCKS: usize = 8;
 const ROWS_A_LAG: usize = 6;
 /// 97.5 % point of Student's t with seven degrees of freedom.
 const T_975: f64 = 2.365;
+/// Lower end of the interval from which a loop is at its minimum variance (-): a tenth of the variance, a twentieth of the standard
+/// deviation, is all that tuning could gain.
+const LEAST: f64 = 0.9;
 
 /// The index and its interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,6 +35,14 @@ pub struct Harris {
     pub index: f64,
     /// 95 % interval; none where the record is too short for blocks.
     pub interval: Option<(f64, f64)>,
+}
+
+impl Harris {
+    /// Whether the error is as small as a controller can make it, by the whole interval: then tuning gains nothing. An index for one
+    /// sample is enough for that, because that for a longer dead time is larger.
+    pub fn is_at_minimum(&self) -> bool {
+        self.interval.is_some_and(|(low, _)| low >= LEAST)
+    }
 }
 
 /// The dead time of the index (samples) at a sample period of `ts` (s), where the process's own is `own_s` (s): one sample more than
@@ -118,6 +129,15 @@ mod tests {
             assert!((found.index - theory).abs() < 0.05, "{dead}: {found:?} {theory}");
             assert!(low < theory && theory < high, "{dead}: {found:?} {theory}");
         }
+    }
+
+    #[test]
+    fn a_loop_is_at_its_minimum_where_the_whole_interval_is_near_one() {
+        let of = |interval| Harris { index: 0.95, interval };
+        assert!(of(Some((0.92, 1.0))).is_at_minimum());
+        assert!(!of(Some((0.8, 1.0))).is_at_minimum(), "a fifth of the variance may be left to gain");
+        assert!(!of(None).is_at_minimum(), "too short to say");
+        assert!(harris(&noise(8000), 1).is_some_and(|own| own.is_at_minimum()));
     }
 
     #[test]

@@ -8,6 +8,7 @@
 pub mod distribution;
 pub mod error;
 pub mod harris;
+pub mod margins;
 pub mod noise;
 pub mod oscillation;
 pub mod score;
@@ -106,6 +107,11 @@ impl Indicators {
             self.score = self.scored();
         }
         self
+    }
+
+    /// Whether tuning has nothing to gain: the error is as small as a controller can make it.
+    pub fn is_at_minimum(&self) -> bool {
+        self.harris.is_some_and(|harris| harris.is_at_minimum())
     }
 
     fn scored(&self) -> Option<f64> {
