@@ -46,7 +46,7 @@ use namespaces::Namespaces;
 use notifications::Notifications;
 use persistence::Persistence;
 use plantwide::Plantwide;
-pub use plantwide::{DeadTime, friction_of, untold_of};
+pub use plantwide::{DeadTime, friction_of, margins_of, untold_of};
 use security::Security;
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;

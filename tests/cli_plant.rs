@@ -58,6 +58,7 @@ fn a_folder_gives_groups_a_work_list_and_a_page_that_stands_alone() {
     let group = &found["groups"][0];
     assert!(group["members"].as_array().is_some_and(|m| m.iter().any(|m| *m == at.as_str())), "{group}");
     assert!(found["work"].as_array().is_some_and(|work| !work.is_empty()));
+    has_its_parts(&found["work"]);
     let one =
         found["loops"].as_array().and_then(|l| l.iter().find(|l| l["loop"] == at.as_str())).expect("named");
     assert!(
@@ -114,6 +115,18 @@ fn causes_are_told(loops: &[serde_json::Value]) {
         }
     }
     assert!(named > 0, "{loops:?}");
+}
+
+/// The work comes part by part; a cause that is not known is no work, and one that is not likely is none to do first.
+fn has_its_parts(work: &serde_json::Value) {
+    let place =
+        |line: &serde_json::Value| ["first", "perhaps", "unknown"].iter().position(|p| line["part"] == *p);
+    let work = work.as_array().expect("a list");
+    assert!(work.iter().all(|line| place(line).is_some()) && work.is_sorted_by_key(place), "{work:?}");
+    for line in work {
+        assert_eq!(line["part"] == "unknown", line["cause"] == "unknown", "{line}");
+        assert!(line["part"] != "first" || line["probability"].as_f64() >= Some(0.8), "{line}");
+    }
 }
 
 #[test]
@@ -491,6 +504,7 @@ fn a_loop_that_is_sampled_too_slowly_says_so() {
     let found = found(&[run.to_str().expect("text"), "--loops", list.to_str().expect("text")]);
     assert_eq!(names(&found), pairs.map(|(name, ..)| name));
     let loops = found["loops"].as_array().expect("a list");
+    has_its_parts(&found["work"]);
     let slow: Vec<_> = loops.iter().filter(|own| own["reason_code"] == "undersampled").collect();
     assert!(slow.iter().any(|own| own["loop"] == "TIC9" || own["loop"] == "TIC21"), "{loops:?}");
     for own in slow.iter().filter(|own| own["cause"] == "unknown") {

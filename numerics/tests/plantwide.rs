@@ -2,10 +2,17 @@
 
 use std::borrow::Cow;
 use std::cell::Cell;
+use stictiond_numerics::diagnosis::{Model, Settings, Verdict, diagnose};
+use stictiond_numerics::indicators::margins::{Margins, margins};
 use stictiond_numerics::plantwide::{self, Cause, PlantLoop, analyse};
-use stictiond_numerics::signal::Window;
-use stictiond_numerics::sim::Run;
+use stictiond_numerics::signal::{Record, Sample, Window};
+use stictiond_numerics::sim::controller::ControllerSpec;
+use stictiond_numerics::sim::load::{At, Load, LoadKind};
+use stictiond_numerics::sim::process::{ProcessKind, ProcessSpec};
+use stictiond_numerics::sim::sensor::SensorSpec;
 use stictiond_numerics::sim::units::{Plant, Source, plant};
+use stictiond_numerics::sim::valve::{Friction, ValveSpec};
+use stictiond_numerics::sim::{LoopSpec, Run, simulate};
 
 fn loops(of: &Plant, runs: &[Run]) -> Vec<PlantLoop> {
     let one = |(of, run): (&stictiond_numerics::sim::units::UnitLoop, &Run)| PlantLoop {
@@ -133,4 +140,65 @@ fn rubbish_is_in_no_group_and_no_panic() {
     let found = analyse(&rubbish.map(one).to_vec());
     assert_eq!((found.loops.len(), found.groups.len()), (5, 0));
     assert_eq!(analyse(&Vec::new()).groups.len(), 0);
+}
+
+/// A loop whose integral time cancels the lag of the process, `0.1 q^-3 / (1 - 0.9 q^-1)`, with a moving set point and a load:
+/// L = 0.6 q^-3 / (1 - q^-1).
+fn tight(seed: u64) -> Run {
+    let tau_s = -1.0 / 0.9f64.ln();
+    let sizes = [1.0, 0.0, -1.0, -0.5, 0.5, 0.0];
+    let step = |i: u32| (f64::from(150 + 230 * i + 37 * i * i % 90), 50.0 + sizes[i as usize % 6]);
+    let spec = LoopSpec {
+        process: ProcessSpec { kind: ProcessKind::FirstOrder { gain: 1.0, tau_s }, dead_time_s: 2.0 },
+        controller: ControllerSpec::pi(5.4, 9.0),
+        valve: ValveSpec::linear(Friction::Ideal),
+        loads: vec![Load { kind: LoadKind::Coloured { sd: 1.15, tau_s }, at: At::ProcessInput }],
+        sensor: SensorSpec::noisy(0.05),
+        sp: 50.0,
+        sp_schedule: (0..12).map(step).collect(),
+        ts_s: 1.0,
+        op0: 50.0,
+        pv0: 50.0,
+    };
+    simulate(&spec, 3000, seed).expect("a sound loop")
+}
+
+#[test]
+fn a_tight_loop_is_told_so_with_its_true_margins() {
+    // 2 sin 18° / 0.6, and 90° - 5 asin 0.3.
+    let is_near = |found: Margins, gain: f64, phase_deg: f64| {
+        found.gain.is_some_and(|own| (own - 1.030).abs() < gain)
+            && found.phase_deg.is_some_and(|own| (own - 2.71).abs() < phase_deg)
+    };
+    let truth = Model { na: 1, nb: 1, nc: 0, nk: 3, a: vec![-0.9], b: vec![0.1], c: Vec::new(), rmse: 0.0 };
+    let (mut told, mut fitted) = (0, 0);
+    for seed in [71, 72, 73] {
+        let run = tight(seed);
+        let (op, pv, sp) = (run.op.clone(), run.pv.clone(), Some(run.sp.clone()));
+        let window = Window { ts: run.ts, op, pv, sp, ..Window::default() };
+        let limits = Some((0.0, 100.0));
+        let known = margins(&window, limits, &truth).expect("the set point moves");
+        assert!(is_near(known, 1e-2, 0.2), "{seed}: {known:?}");
+        let of = PlantLoop { window, op_limits: limits, margins: Some(known), ..PlantLoop::default() };
+        let found = analyse(&vec![of]);
+        let reason = found.loops[0].reason.as_ref().filter(|own| own.cause == Cause::Tuning);
+        told += usize::from(reason.is_some());
+        let begins = "too tight: gain margin 1.0, phase margin 3°; it rings with a period of 10 s";
+        assert!(reason.is_none_or(|own| own.why.starts_with(begins)), "{reason:?}");
+
+        // By the model that a diagnosis fits to it.
+        let series = |values: &[f64]| -> Vec<Sample> {
+            run.t.iter().zip(values).map(|(t, value)| Sample::good(*t, *value)).collect()
+        };
+        let (op, pv, sp) = (series(&run.op), series(&run.pv), Some(series(&run.sp)));
+        let own = diagnose(&Record { op, pv, sp, ..Record::default() }, &Settings::default());
+        let linear = own.estimate.as_ref().filter(|estimate| estimate.f == 0.0);
+        if let (Verdict::NoStiction, Some(estimate), Some(window)) = (&own.verdict, linear, &own.window)
+            && let Some(found) = margins(window, limits, &estimate.model)
+        {
+            assert!(is_near(found, 0.1, 10.0), "{seed}: {found:?}");
+            fitted += 1;
+        }
+    }
+    assert!(told >= 2 && fitted >= 1, "{told} are told tight, {fitted} have a model that tells it");
 }

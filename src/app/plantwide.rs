@@ -4,6 +4,7 @@
 mod back;
 mod dead_time;
 mod health;
+mod margins;
 pub(super) mod rows;
 mod said;
 mod swings;
@@ -12,6 +13,7 @@ use super::persistence::Persistence;
 use super::silence::sources;
 use crate::config::Config;
 use crate::history::{History, TagKind};
+use crate::indicators::margins::Margins;
 use crate::indicators::series::{SCORE, Values};
 use crate::plantwide::window::{of_record, recent, silent_of};
 use crate::plantwide::{Analysis, Friction, LoopFound, Plant, PlantLoop, Untold, analyse};
@@ -23,6 +25,7 @@ use crate::signal::{LoopId, Record, Role, Window};
 use crate::work::{self, Act, CostConfig, Measure, Order, Refusal, WorkList};
 pub use dead_time::DeadTime;
 use health::HealthLog;
+pub use margins::margins_of;
 use said::{LookSaid, cost, cost_of, said};
 use std::borrow::Cow;
 use std::collections::{BTreeSet, HashMap};
@@ -124,6 +127,8 @@ struct LiveLoop<'a> {
     pv_moves: bool,
     /// Dead time of its process that its Harris index is for (s).
     dead_time_s: Option<f64>,
+    /// Its margins by its latest diagnosis.
+    margins: Option<Margins>,
 }
 
 impl<'a> LiveLoop<'a> {
@@ -131,7 +136,7 @@ impl<'a> LiveLoop<'a> {
     fn new(of: &'a WatchedLoop, window: &Window, ahead_s: f64) -> Self {
         let moves = |x: &[f64]| x.windows(2).any(|w| w[0] != w[1]);
         let (op_moves, pv_moves) = (moves(&window.op), moves(&window.pv));
-        Self { of, from: window.t0 - ahead_s, op_moves, pv_moves, dead_time_s: None }
+        Self { of, from: window.t0 - ahead_s, op_moves, pv_moves, dead_time_s: None, margins: None }
     }
 }
 
@@ -147,7 +152,7 @@ impl Plant for Live<'_> {
         let mut of = of.and_then(Result::ok).unwrap_or_default();
         of.name = own.id.to_string();
         of.upstream.clone_from(&own.upstream);
-        of.dead_time_s = self.loops[at].dead_time_s;
+        (of.dead_time_s, of.margins) = (self.loops[at].dead_time_s, self.loops[at].margins);
         let summary = self.results.get(&own.id, self.at.now).and_then(|known| known.summary);
         of.friction = summary.as_ref().and_then(friction_of);
         of.untold = summary.as_ref().and_then(untold_of);
@@ -314,7 +319,8 @@ impl Plantwide {
             match window(&watched.history, &own.id, at) {
                 Some(Ok(of)) => {
                     let live = LiveLoop::new(own, &of.window, at.ahead_s(&watched.history, &own.id));
-                    loops.push(LiveLoop { dead_time_s: self.dead_time(&own.id, now), ..live });
+                    let margins = self.margins(&own.id, of.op_limits, now);
+                    loops.push(LiveLoop { dead_time_s: self.dead_time(&own.id, now), margins, ..live });
                 }
                 Some(Err(why)) => skipped.push((own.id.clone(), why)),
                 None => {}
@@ -358,6 +364,11 @@ impl Plantwide {
     fn dead_time(&self, id: &LoopId, now: f64) -> Option<f64> {
         let before = lock(&self.health).dead_time(id);
         dead_time::kept(before, self.results.get(id, now).and_then(|known| DeadTime::of(&known)))
+    }
+
+    /// Margins of a loop by its latest diagnosis since the start.
+    fn margins(&self, id: &LoopId, op_limits: Option<(f64, f64)>, now: f64) -> Option<Margins> {
+        margins_of(self.results.get(id, now)?.diagnosed?.judged()?, op_limits)
     }
 
     /// Keeps the indicators of a look at `now` (s), and how the loops were by it.
@@ -405,10 +416,12 @@ pub fn untold_of(summary: &Summary) -> Option<Untold> {
         "stiction" | "no_stiction" => return None,
         outcome => summary.reason_code.as_deref().unwrap_or(outcome),
     };
-    // What the method calls undersampled has another name for people.
-    let says = match summary.reason.strip_prefix("undersampled: ") {
-        Some(rest) => format!("sampled too slowly: {rest}"),
-        None => summary.reason.clone(),
+    // The sentence stands without the name of the reason, but where that says something, in other words for people.
+    let (name, rest) = summary.reason.split_once(": ").unwrap_or_default();
+    let says = match name {
+        "undersampled" => format!("sampled too slowly: {rest}"),
+        name if name.to_lowercase().replace(' ', "_") == code => rest.to_string(),
+        _ => summary.reason.clone(),
     };
     Some(Untold { code: code.to_string(), says })
 }

@@ -16,9 +16,9 @@
 //! - A loop that cannot be judged ([`is_judged`]) has no cause.
 //! - The sentence of `unknown` says why a diagnosis of the valve had no result, where there was one.
 
-use super::LoopFound;
 use super::groups::Group;
 use super::signs::{SIGNS, Signs};
+use super::{LoopFound, sensor, tuning};
 
 /// A cause.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -239,47 +239,38 @@ fn why(cause: Cause, of: &LoopFound) -> String {
     let swing = of.oscillations.first().map(|own| format!("with a period of {}", period(own.period_s)));
     let percent = |x: f64| format!("{:.0} %", 100.0 * x);
     let stands = i.stuck.filter(|share| *share > 0.05);
-    let stands =
-        stands.map(|share| format!("PV stands still for {} of the time while OP moves", percent(share)));
     match (cause, swing) {
         (Cause::Valve, swing) => match (stands, swing) {
-            (Some(stands), _) => stands,
-            (None, Some(swing)) => {
-                format!("it swings {swing}, as the limit cycle of a valve that sticks does")
+            (Some(share), _) => format!(
+                "PV stands still for {} of the time while OP moves, as behind a valve that sticks: test the valve with small steps of OP before anything is repaired",
+                percent(share)
+            ),
+            (None, Some(swing)) => format!(
+                "it swings {swing}, as a loop does whose valve sticks: test the valve with small steps of OP before anything is repaired"
+            ),
+            (None, None) => {
+                "it moves as a loop does whose valve sticks: test the valve with small steps of OP before anything is repaired".into()
             }
-            (None, None) => "it moves as a loop with a valve that sticks does".into(),
         },
-        (Cause::Tuning, Some(swing)) => {
-            format!("it rings {swing}, and its amplitude comes and goes, as in a loop with little damping")
+        (Cause::Tuning, _) => tuning::why(of),
+        (Cause::Load, Some(swing)) => format!(
+            "it swings steadily {swing}, and neither the valve nor the tuning explains it, but a load that swings would: look for a \
+             machine or a loop that swings with the same period"
+        ),
+        (Cause::Load, None) => {
+            "PV moves as under a load that is too fast for the loop: look upstream for what disturbs it"
+                .into()
         }
-        (Cause::Tuning, None) => {
-            "its error comes and goes slowly, and the controller hardly acts on it".into()
-        }
-        (Cause::Load, Some(swing)) => {
-            format!(
-                "it swings steadily {swing}, and neither the valve nor the tuning explains it: a load that swings would do so"
-            )
-        }
-        (Cause::Load, None) => "PV moves as under a load that is too fast for the loop".into(),
-        (Cause::Sensor, _) if signs[HELD] > 0.05 => {
-            format!("PV does not change at all for {} of the time in one piece", percent(signs[HELD]))
-        }
-        (Cause::Sensor, _) if i.kept.quantisation > 0.1 => {
-            format!("PV moves in steps of {:.1} standard deviations", i.kept.quantisation)
-        }
-        (Cause::Sensor, _) => match stands {
-            Some(stands) => stands,
-            None if i.kept.noise_share > 0.1 => {
-                format!("{} of PV's variance is noise", percent(i.kept.noise_share))
-            }
-            None => "PV's signal looks like that of a faulty measurement".into(),
-        },
-        (Cause::Saturation, _) if i.at_limits.is_some_and(|share| share >= signs[LIMITS]) => {
-            format!("OP is at a limit for {} of the time", percent(signs[LIMITS]))
-        }
+        (Cause::Sensor, _) => sensor::why(of),
+        (Cause::Saturation, _) if i.at_limits.is_some_and(|share| share >= signs[LIMITS]) => format!(
+            "OP is at a limit for {} of the time, and PV is not controlled meanwhile: check whether the set point can be reached, and \
+             the limits",
+            percent(signs[LIMITS])
+        ),
         // The limit is not configured: it is inferred from how OP stops there.
         (Cause::Saturation, _) => format!(
-            "OP stops again and again at its largest or least value, {} of the time, as at a limit",
+            "OP stops again and again at its largest or least value, {} of the time, as at a limit, and PV is not controlled meanwhile: \
+             check the controller's limits",
             percent(signs[LIMITS])
         ),
         (Cause::Neighbour | Cause::Unknown, _) => String::new(),
@@ -292,14 +283,14 @@ pub const STANDS_OUT: f64 = 0.5;
 const IN_MANUAL: f64 = 0.5;
 /// Position of the sign *limits*.
 const LIMITS: usize = 0;
-/// Position of the sign *held*.
-const HELD: usize = 3;
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::indicators::Indicators;
+    use crate::indicators::harris::Harris;
     use crate::indicators::oscillation::Oscillation;
+    use crate::plantwide::signs::HELD;
     use crate::plantwide::{Friction, Suspect, Untold};
     use std::slice;
 
@@ -425,9 +416,15 @@ mod tests {
     #[test]
     fn a_valve_is_said_to_stand_still_where_that_is_known() {
         let mut of = LoopFound::default();
-        assert_eq!(why(Cause::Valve, &of), "it moves as a loop with a valve that sticks does");
+        assert_eq!(
+            why(Cause::Valve, &of),
+            "it moves as a loop does whose valve sticks: test the valve with small steps of OP before anything is repaired"
+        );
         of.indicators.stuck = Some(0.2);
-        assert_eq!(why(Cause::Valve, &of), "PV stands still for 20 % of the time while OP moves");
+        assert_eq!(
+            why(Cause::Valve, &of),
+            "PV stands still for 20 % of the time while OP moves, as behind a valve that sticks: test the valve with small steps of OP before anything is repaired"
+        );
     }
 
     #[test]
@@ -447,13 +444,13 @@ mod tests {
         for (cause, swings, is_still) in [
             (
                 Cause::Valve,
-                "it swings with a period of 60 s, as the limit cycle of a valve that sticks does",
-                "it moves as a loop with a valve that sticks does",
+                "it swings with a period of 60 s, as a loop does whose valve sticks: test the valve with small steps of OP before anything is repaired",
+                "it moves as a loop does whose valve sticks: test the valve with small steps of OP before anything is repaired",
             ),
             (
                 Cause::Load,
-                "it swings steadily with a period of 60 s, and neither the valve nor the tuning explains it: a load that swings would do so",
-                "PV moves as under a load that is too fast for the loop",
+                "it swings steadily with a period of 60 s, and neither the valve nor the tuning explains it, but a load that swings would: look for a machine or a loop that swings with the same period",
+                "PV moves as under a load that is too fast for the loop: look upstream for what disturbs it",
             ),
         ] {
             assert_eq!((why(cause, &of).as_str(), why(cause, &still).as_str()), (swings, is_still));
@@ -461,18 +458,12 @@ mod tests {
     }
 
     #[test]
-    fn a_measurement_is_blamed_for_what_is_seen_of_it() {
+    fn a_loop_at_its_minimum_variance_is_not_to_be_tuned() {
         let mut of = LoopFound::default();
-        assert_eq!(why(Cause::Sensor, &of), "PV's signal looks like that of a faulty measurement");
-        of.indicators.kept.noise_share = 0.4;
-        assert_eq!(why(Cause::Sensor, &of), "40 % of PV's variance is noise");
-        of.indicators.stuck = Some(0.2);
-        assert_eq!(why(Cause::Sensor, &of), "PV stands still for 20 % of the time while OP moves");
-        of.indicators.kept.quantisation = 0.5;
-        assert_eq!(why(Cause::Sensor, &of), "PV moves in steps of 0.5 standard deviations");
-        of.signs = only(HELD, 0.3);
-        let held = "PV does not change at all for 30 % of the time in one piece";
-        assert_eq!(why(Cause::Sensor, &of), held);
+        let usual = why(Cause::Tuning, &of);
+        of.indicators.harris = Some(Harris { index: 0.97, interval: Some((0.95, 1.0)) });
+        let said = why(Cause::Tuning, &of);
+        assert!(said != usual && said.ends_with("leave the tuning as it is"), "{said}");
     }
 
     #[test]
@@ -496,9 +487,12 @@ mod tests {
     #[test]
     fn a_limit_is_called_one_where_it_is_known() {
         let mut of = LoopFound { signs: only(LIMITS, 0.4), ..LoopFound::default() };
-        let stops = "OP stops again and again at its largest or least value, 40 % of the time, as at a limit";
+        let stops = "OP stops again and again at its largest or least value, 40 % of the time, as at a limit, and PV is not \
+                     controlled meanwhile: check the controller's limits";
         assert_eq!(why(Cause::Saturation, &of), stops);
         of.indicators.at_limits = Some(0.4);
-        assert_eq!(why(Cause::Saturation, &of), "OP is at a limit for 40 % of the time");
+        let at = "OP is at a limit for 40 % of the time, and PV is not controlled meanwhile: check whether the set point can be reached, \
+                  and the limits";
+        assert_eq!(why(Cause::Saturation, &of), at);
     }
 }

@@ -13,8 +13,10 @@
 //! | `groups.rs` | groups of loops that oscillate together |
 //! | `rank.rs` | which member of a group is the source, with a probability and its evidence |
 //! | `signs.rs`, `cause.rs` | the features of one loop, its cause with a probability, and the sentence that operators read |
+//! | `sensor.rs` | the sentences for PV's measurement as the cause |
+//! | `tuning.rs` | the sentences for the tuning as the cause |
 //! | `causes.rs` | the probability of every cause of a loop |
-//! | `tasks.rs` | what to do first |
+//! | `tasks.rs` | what to do first, what to do perhaps, and which loops are not at rest for a cause that is not known |
 
 pub mod cascade;
 pub mod cause;
@@ -22,18 +24,22 @@ pub mod causes;
 pub mod groups;
 pub mod lag;
 pub mod rank;
+mod sensor;
 pub mod signs;
 pub mod spectra;
 pub mod tasks;
+mod tuning;
 pub mod window;
 
 pub use cause::{Cause, Reason};
 pub use causes::Likely;
 pub use groups::Group;
 pub use rank::Suspect;
-pub use tasks::{Task, tasks};
+pub use tasks::{Part, Task, tasks};
 pub use window::{Raw, Work};
 
+use crate::indicators::margins::Margins;
+use crate::indicators::noise::Spread;
 use crate::indicators::oscillation::{Oscillation, oscillations};
 use crate::indicators::series::{self, Values};
 use crate::indicators::{Indicators, Known, indicators};
@@ -61,6 +67,8 @@ pub struct PlantLoop {
     pub silent_s: f64,
     /// The controller's output limits (OP unit), where known.
     pub op_limits: Option<(f64, f64)>,
+    /// The span of OP (OP unit), where known.
+    pub op_span: Option<f64>,
     /// Properties of the samples of PV and OP that thinning removes, where the window is thinned.
     pub raw: Option<Raw>,
     /// Travel of the valve by the samples, from row to row, where the window is thinned.
@@ -71,6 +79,8 @@ pub struct PlantLoop {
     pub op_blurred: bool,
     /// Dead time of the process by a model of the loop, without the sample that passes before OP acts (s); where there is one.
     pub dead_time_s: Option<f64>,
+    /// Its margins by a model without friction, where a diagnosis has one that tells them.
+    pub margins: Option<Margins>,
     /// Names of the loops whose stream enters this one, where they are known.
     pub upstream: Vec<String>,
     /// The result of a diagnosis of its valve, where there was one.
@@ -138,12 +148,16 @@ pub struct LoopFound {
     pub friction: Option<Friction>,
     /// Why a diagnosis of its valve had no result, where that was so.
     pub untold: Option<Untold>,
+    /// Its margins by a model without friction, where a diagnosis has one that tells them.
+    pub margins: Option<Margins>,
     /// Its indicators. Where the window is thinned, those that need the samples are of its latest part.
     pub indicators: Indicators,
     /// The indicators of the latest part, where the window is thinned and there is one.
     pub recent: Option<Indicators>,
     /// Oscillations of PV, or of OP where PV does not oscillate, the largest first.
     pub oscillations: Vec<Oscillation>,
+    /// The spread of OP as it was sampled (% of OP's span); none where the span is not known.
+    pub op_spread: Option<Spread>,
     /// The features by which its own cause is found.
     pub signs: Signs,
     /// The loop whose output is its set point.
@@ -290,13 +304,22 @@ fn loop_found(of: &PlantLoop, recent: Option<&PlantLoop>, transforms: &mut Trans
         upstream: of.upstream.clone(),
         friction: of.friction.clone(),
         untold: of.untold.clone(),
+        margins: of.margins,
         indicators,
         recent,
         oscillations: swings,
+        op_spread: op_spread(of),
         ..LoopFound::default()
     };
     found.signs = signs::signs(of, &found, transforms);
     found
+}
+
+/// The spread of OP as it was sampled (% of its span); none where the span is not known.
+fn op_spread(of: &PlantLoop) -> Option<Spread> {
+    let percent = 100.0 / of.op_span?;
+    let Spread { sd, noise, finest } = of.raw.map_or_else(|| Spread::of(&of.window.op), |raw| raw.op);
+    Some(Spread { sd: percent * sd, noise: percent * noise, finest: percent * finest })
 }
 
 #[cfg(test)]

@@ -126,11 +126,11 @@ fn evidence(signs: &[f64; SIGNS], average: &[f64], at: usize, found: &[LoopFound
                 100.0 * signs[0].exp()
             ),
             1 => format!(
-                "PV's swing has more corners than the others': its harmonics have {:.1} % of its power",
+                "PV's swing is less like a sine than the others': its harmonics have {:.1} % of its power",
                 harmonics(signs[1])
             ),
             2 => format!(
-                "OP's swing is nearer to a sine than the others': its harmonics have {:.1} % of its power",
+                "OP's swing is more like a sine than the others': its harmonics have {:.1} % of its power",
                 harmonics(signs[2])
             ),
             3 => format!("PV stands still for {:.0} % of the time while OP moves", 100.0 * signs[3]),

@@ -25,6 +25,8 @@ use crate::sysid::stats::{mean, range};
 
 /// Number of signs.
 pub const SIGNS: usize = 14;
+/// Position of the sign *held*.
+pub const HELD: usize = 3;
 /// Position of the sign *sticks*.
 pub const STICKS: usize = 9;
 /// The signs of one loop.

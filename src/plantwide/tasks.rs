@@ -1,7 +1,64 @@
-//! The tasks of a plant: one for each loop that has a cause of its own, the source of a group before its victims.
+//! The tasks of a plant: one for each loop that has a cause of its own, the source of a group before its victims. They are a list in
+//! three parts: what to do first, what to do perhaps, and which loops are not at rest for a cause that is not known.
 
 use super::cause::{STANDS_OUT, with_untold};
-use super::{Analysis, Cause};
+use super::{Analysis, Cause, LoopFound, sensor};
+
+/// A part of the list.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Part {
+    /// The cause is likely enough to order work by it.
+    First,
+    /// The cause is less likely, or nothing is gained by removing it.
+    Perhaps,
+    /// The cause is not known, so that there is nothing to do yet.
+    Unknown,
+}
+
+/// Probability from which work may be ordered by a cause: below it 3 of 4 causes were right, from it on 9 of 10
+/// (`docs/plantwide.md`).
+pub const LIKELY: f64 = 0.8;
+
+impl Part {
+    /// Every part, in the order of the list.
+    pub const ALL: [Part; 3] = [Part::First, Part::Perhaps, Part::Unknown];
+
+    /// The part of a cause with its probability (0..1). `gains_nothing`: whether nothing is gained by removing it.
+    pub fn of(cause: Cause, probability: Option<f64>, gains_nothing: bool) -> Self {
+        match cause {
+            Cause::Unknown => Part::Unknown,
+            _ if !gains_nothing && probability.is_some_and(|p| p >= LIKELY) => Part::First,
+            _ => Part::Perhaps,
+        }
+    }
+
+    /// As reports write it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Part::First => "first",
+            Part::Perhaps => "perhaps",
+            Part::Unknown => "unknown",
+        }
+    }
+
+    /// Its heading.
+    pub fn heading(self) -> &'static str {
+        match self {
+            Part::First => "What to do first",
+            Part::Perhaps => "Perhaps",
+            Part::Unknown => "Not at rest, cause unknown",
+        }
+    }
+
+    /// What its loops have in common, below the heading; empty for the first part.
+    pub fn note(self) -> &'static str {
+        match self {
+            Part::First => "",
+            Part::Perhaps => "less likely than 80 %, or nothing to gain: look before you order work",
+            Part::Unknown => "nothing to order yet",
+        }
+    }
+}
 
 /// One task, with the loops that may be calmer when it is done.
 #[derive(Clone, Debug, PartialEq)]
@@ -17,11 +74,21 @@ pub struct Task {
     pub worth: f64,
     /// The sentence that operators read.
     pub why: String,
+    /// Whether nothing is gained by removing the cause.
+    pub gains_nothing: bool,
     /// The loops that are expected to calm down with it: those of which it is the source with a probability of [`STANDS_OUT`] or more.
     pub victims: Vec<usize>,
 }
 
-/// The tasks of a plant, the one with the largest worth first; of equals the one with the most probable cause.
+impl Task {
+    /// The part of the list that it belongs to.
+    pub fn part(&self) -> Part {
+        Part::of(self.cause, self.probability, self.gains_nothing)
+    }
+}
+
+/// The tasks of a plant, part by part, and in each part the one with the largest worth first; of equals the one with the most probable
+/// cause.
 pub fn tasks(found: &Analysis) -> Vec<Task> {
     let mut tasks: Vec<Task> = Vec::new();
     for ((at, of), follow) in found.loops.iter().enumerate().zip(followers(found)) {
@@ -31,7 +98,8 @@ pub fn tasks(found: &Analysis) -> Vec<Task> {
         match &of.reason {
             Some(reason) if reason.cause != Cause::Neighbour => {
                 let (cause, probability, why) = (reason.cause, reason.probability, reason.why.clone());
-                tasks.push(Task { at, cause, probability, worth: reason.source + others, why, victims });
+                let (worth, gains_nothing) = (reason.source + others, gains_nothing(cause, of));
+                tasks.push(Task { at, cause, probability, worth, why, gains_nothing, victims });
             }
             // The likeliest source of one group may have its largest oscillation in another group, with the cause `neighbour` there.
             reason if !follow.is_empty() => {
@@ -45,6 +113,7 @@ pub fn tasks(found: &Analysis) -> Vec<Task> {
                     probability: None,
                     worth: others,
                     why,
+                    gains_nothing: false,
                     victims,
                 });
             }
@@ -52,8 +121,19 @@ pub fn tasks(found: &Analysis) -> Vec<Task> {
         }
     }
     let sure = |task: &Task| task.probability.unwrap_or(-1.0);
-    tasks.sort_by(|a, b| b.worth.total_cmp(&a.worth).then(sure(b).total_cmp(&sure(a))));
+    let by_worth = |a: &Task, b: &Task| b.worth.total_cmp(&a.worth).then(sure(b).total_cmp(&sure(a)));
+    tasks.sort_by(|a, b| a.part().cmp(&b.part()).then_with(|| by_worth(a, b)));
     tasks
+}
+
+/// Whether nothing is gained by removing a loop's cause: PV's noise and steps that the valve does not follow, and the tuning of a loop
+/// whose error is as small as any tuning makes it.
+fn gains_nothing(cause: Cause, of: &LoopFound) -> bool {
+    match cause {
+        Cause::Sensor => sensor::costs_nothing(of),
+        Cause::Tuning => of.indicators.is_at_minimum(),
+        _ => false,
+    }
 }
 
 /// The sentence for a loop that is the likeliest source of `many` others, and whose own largest oscillation is another one. `first`: the
@@ -85,7 +165,9 @@ fn followers(found: &Analysis) -> Vec<Vec<(usize, f64)>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plantwide::{LoopFound, Reason};
+    use crate::indicators::harris::Harris;
+    use crate::indicators::noise::Spread;
+    use crate::plantwide::Reason;
 
     /// A loop with a cause of its own, or with a neighbour, and how likely that or the loop itself is the source.
     fn of(cause: Cause, probability: Option<f64>, source: f64, neighbour: Option<usize>) -> LoopFound {
@@ -144,6 +226,38 @@ mod tests {
             );
             assert_eq!((own.why.as_str(), own.probability, own.victims.len()), (why.as_str(), None, victims));
         }
+    }
+
+    #[test]
+    fn work_is_for_likely_causes_and_a_cause_that_is_not_known_is_none() {
+        let found = of_plant(vec![
+            of(Cause::Unknown, None, 3.0, None),
+            of(Cause::Valve, Some(0.79), 2.0, None),
+            of(Cause::Load, Some(0.8), 1.0, None),
+        ]);
+        let parts: Vec<(usize, Part)> = found.iter().map(|task| (task.at, task.part())).collect();
+        assert_eq!(
+            parts,
+            [(2, Part::First), (1, Part::Perhaps), (0, Part::Unknown)],
+            "whatever they are worth"
+        );
+    }
+
+    #[test]
+    fn what_gains_nothing_is_done_perhaps() {
+        let part = |own: LoopFound| of_plant(vec![own]).first().map(Task::part);
+        let noisy = |sd: f64| {
+            let mut own = of(Cause::Sensor, Some(0.99), 1.0, None);
+            own.indicators.kept.noise_share = 1.0;
+            LoopFound { op_spread: Some(Spread { sd, noise: sd, finest: sd }), ..own }
+        };
+        assert_eq!([0.1, 3.0].map(|sd| part(noisy(sd))), [Some(Part::Perhaps), Some(Part::First)]);
+        let tuned = |low: f64| {
+            let mut own = of(Cause::Tuning, Some(0.99), 1.0, None);
+            own.indicators.harris = Some(Harris { index: 0.97, interval: Some((low, 1.0)) });
+            own
+        };
+        assert_eq!([0.95, 0.5].map(|low| part(tuned(low))), [Some(Part::Perhaps), Some(Part::First)]);
     }
 
     #[test]

@@ -89,7 +89,8 @@ pub fn of_record(name: &str, record: &Record, most: usize) -> Result<PlantLoop, 
     let tags = Tags::of(record)?;
     let (from, to) = tags.span();
     let ts = row_period(interval(&tags.pv.points), to - from, most);
-    Ok(PlantLoop { name: name.into(), op_limits: record.op_limits, ..tags.rows(ts, usize::MAX) })
+    let (op_limits, op_span) = (record.op_limits, record.known_span());
+    Ok(PlantLoop { name: name.into(), op_limits, op_span, ..tags.rows(ts, usize::MAX) })
 }
 
 /// The loop of the latest part of a record: its latest `most` samples, or the latest `hour_s` (s) in about as many rows where the
@@ -107,7 +108,8 @@ pub fn recent(name: &str, record: &Record, hour_s: f64, most: usize) -> Result<P
     if of.pv_blurred {
         of = tags.rows(interval(&tags.pv.points), most);
     }
-    Ok(PlantLoop { name: name.into(), op_limits: record.op_limits, ..of })
+    let (op_limits, op_span) = (record.op_limits, record.known_span());
+    Ok(PlantLoop { name: name.into(), op_limits, op_span, ..of })
 }
 
 /// The period of the rows (s), at most `most` of them over `length_s` (s). It is that of the samples, `interval` (s), where there are
@@ -285,6 +287,7 @@ pub fn tail(of: &PlantLoop, length_s: f64) -> PlantLoop {
         stem_known,
         silent_s,
         op_limits,
+        op_span: of.op_span,
         raw,
         work,
         pv_blurred,

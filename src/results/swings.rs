@@ -10,7 +10,7 @@ use std::sync::PoisonError;
 pub struct SourceOrder {
     /// The loop.
     pub source: LoopId,
-    /// `open` or `ordered`.
+    /// `unexplained`, `open` or `ordered`.
     pub state: &'static str,
     /// Since when (s).
     pub since: f64,

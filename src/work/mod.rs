@@ -113,10 +113,13 @@ impl WorkList {
         self.orders.get(id)
     }
 
-    /// Of each loop that is expected, by the latest look, to calm down with one whose order stands, that one.
+    /// Of each loop that is expected, by the latest look, to calm down with one that has an open or ordered order, or whose own cause is
+    /// not known, that one.
     pub fn sources(&self) -> HashMap<LoopId, LoopId> {
-        let standing =
-            self.orders.values().filter(|order| matches!(order.state, State::Open | State::Ordered));
+        let standing = self
+            .orders
+            .values()
+            .filter(|order| matches!(order.state, State::Unexplained | State::Open | State::Ordered));
         let pairs =
             standing.flat_map(|order| order.victims.iter().map(|victim| (victim.clone(), order.id.clone())));
         pairs.collect()

@@ -11,7 +11,15 @@
 //!                                                            still seen for persist_s
 //! ```
 //!
-//! Somebody may say that a watched or open order is not wanted (`dismissed`), and open one again that is over.
+//! An order is opened only for a cause that is known. Where the cause of a suspicion that lasts, or of what begins anew, is `unknown`, it
+//! is `unexplained` instead:
+//!
+//! ```text
+//!     watched, calmed, verified ---seen, cause unknown---> unexplained ---seen, cause known---> open
+//!                                                               +---------not seen------------> calmed
+//! ```
+//!
+//! Somebody may say that a watched, unexplained or open order is not wanted (`dismissed`), and open one again that is over.
 //! "Seen for `persist_s`" means in at least [`MOSTLY`] of the looks of the last `persist_s`; "not seen" in at most [`HARDLY`].
 //!
 //! Which loops are expected to calm down with it is said of how the plant swings now: by the latest look alone.
@@ -20,7 +28,7 @@
 //! that takes as long as they are, and half of `persist_s` more. An earlier look would see the swing that the repair has ended.
 
 use super::config::Config;
-use crate::plantwide::Cause;
+use crate::plantwide::{Cause, Part};
 use crate::signal::LoopId;
 use std::collections::VecDeque;
 
@@ -40,6 +48,8 @@ const FORGOTTEN_S: f64 = 7_776_000.0;
 pub enum State {
     /// Suspected, and not for long.
     Watched,
+    /// Not at rest for long, for a cause that is not known: there is nothing to order yet.
+    Unexplained,
     /// Somebody should order the work.
     Open,
     /// Somebody has.
@@ -56,8 +66,9 @@ pub enum State {
 
 impl State {
     /// Every state.
-    pub const ALL: [State; 7] = [
+    pub const ALL: [State; 8] = [
         State::Watched,
+        State::Unexplained,
         State::Open,
         State::Ordered,
         State::Repaired,
@@ -70,6 +81,7 @@ impl State {
     pub fn as_str(self) -> &'static str {
         match self {
             State::Watched => "watched",
+            State::Unexplained => "unexplained",
             State::Open => "open",
             State::Ordered => "ordered",
             State::Repaired => "repaired",
@@ -124,6 +136,8 @@ pub struct Seen {
     pub worth: f64,
     /// One sentence.
     pub why: String,
+    /// Whether nothing is gained by removing the cause.
+    pub gains_nothing: bool,
     /// Loops that are expected to calm down with it.
     pub victims: Vec<LoopId>,
 }
@@ -184,6 +198,8 @@ pub struct Order {
     pub suspected: f64,
     /// What was said last of the cause that is shown: that cause and a sentence.
     pub why: Option<(Cause, String)>,
+    /// Whether nothing is gained by removing that cause, as was said with the sentence.
+    pub gains_nothing: bool,
     /// Loops that are expected to calm down with it, by the latest look; none where that suspected nothing or could not judge it.
     pub victims: Vec<LoopId>,
     /// The latest looks, oldest first.
@@ -211,6 +227,7 @@ impl Order {
             first: now,
             suspected: now,
             why: None,
+            gains_nothing: false,
             victims: Vec::new(),
             looks: VecDeque::new(),
             before: None,
@@ -235,6 +252,25 @@ impl Order {
         let suspected = tallies.into_iter().filter(|own| own.looks > 0);
         let most = suspected.max_by_key(|own| (own.looks, own.cause != Cause::Unknown, own.last))?;
         Some((most.cause, (most.known > 0).then(|| most.sum / f64::from(most.known))))
+    }
+
+    /// Whether its cause is known.
+    fn is_explained(&self) -> bool {
+        self.cause().is_some_and(|(cause, _)| cause != Cause::Unknown)
+    }
+
+    /// The part of the work list that it belongs to; none of a suspicion that has not lasted yet and of what is over. What people have
+    /// ordered is to be done, whatever the cause.
+    pub fn part(&self) -> Option<Part> {
+        match self.state {
+            State::Ordered | State::Repaired => Some(Part::First),
+            State::Open => {
+                let part = |(cause, probability)| Part::of(cause, probability, self.gains_nothing);
+                Some(self.cause().map_or(Part::Unknown, part))
+            }
+            State::Unexplained => Some(Part::Unknown),
+            State::Watched | State::Verified | State::Calmed | State::Dismissed => None,
+        }
     }
 
     /// Loops that are expected to be calmer with it, in the mean over the looks that are remembered and suspected it.
@@ -286,6 +322,7 @@ impl Order {
             && (shown == Some(seen.cause) || self.why.as_ref().map(|own| own.0) != shown)
         {
             self.why = Some((seen.cause, seen.why.clone()));
+            self.gains_nothing = seen.gains_nothing;
         }
         self.moved(now, config)
     }
@@ -305,13 +342,15 @@ impl Order {
 
     fn moved(&mut self, now: f64, config: &Config) -> Option<Move> {
         let share = self.share(now, config);
+        let begun = if self.is_explained() { State::Open } else { State::Unexplained };
         let to = match (self.state, share?) {
-            (State::Watched, share) if share >= MOSTLY => State::Open,
-            (State::Open, share) if share <= HARDLY => State::Calmed,
+            (State::Watched, share) if share >= MOSTLY => begun,
+            (State::Unexplained, share) if share >= MOSTLY && begun == State::Open => State::Open,
+            (State::Unexplained | State::Open, share) if share <= HARDLY => State::Calmed,
             (State::Repaired, share) if share <= HARDLY => State::Verified,
             (State::Repaired, share) if share >= MOSTLY => State::Open,
             // What was over begins anew: as a suspicion, and by the next look as an order.
-            (State::Calmed | State::Verified, share) if share >= MOSTLY => State::Open,
+            (State::Calmed | State::Verified, share) if share >= MOSTLY => begun,
             _ => return None,
         };
         if self.state == State::Repaired {
@@ -324,8 +363,9 @@ impl Order {
     /// Share of the looks of the last `persist_s` that suspected it; none where there are not enough of this state yet.
     fn share(&self, now: f64, config: &Config) -> Option<f64> {
         let from = now - config.persist_s;
-        // A watched order counts from its first look, every other from when its state began.
-        let begun = if self.state == State::Watched { self.first } else { self.since };
+        // A suspicion counts from its first look, every other state from when it began.
+        let is_suspicion = matches!(self.state, State::Watched | State::Unexplained);
+        let begun = if is_suspicion { self.first } else { self.since };
         if begun > from + 0.5 * config.period_s {
             return None;
         }
@@ -367,13 +407,17 @@ impl Order {
         now: f64,
     ) -> Result<Move, Refusal> {
         let to = match (act, self.state) {
-            (Act::Order, State::Watched | State::Open) => State::Ordered,
+            (Act::Order, State::Watched | State::Unexplained | State::Open) => State::Ordered,
             (Act::Order, state) => return Err(Refusal(state.as_str(), "ordered")),
-            (Act::Repaired, State::Watched | State::Open | State::Ordered) => State::Repaired,
+            (Act::Repaired, State::Watched | State::Unexplained | State::Open | State::Ordered) => {
+                State::Repaired
+            }
             (Act::Repaired, state) => return Err(Refusal(state.as_str(), "repaired")),
-            (Act::Dismiss, State::Watched | State::Open | State::Ordered) => State::Dismissed,
+            (Act::Dismiss, State::Watched | State::Unexplained | State::Open | State::Ordered) => {
+                State::Dismissed
+            }
             (Act::Dismiss, state) => return Err(Refusal(state.as_str(), "dismissed")),
-            (Act::Reopen, State::Watched | State::Open) => {
+            (Act::Reopen, State::Watched | State::Unexplained | State::Open) => {
                 return Err(Refusal(self.state.as_str(), "reopened"));
             }
             (Act::Reopen, _) => State::Open,

@@ -1,5 +1,5 @@
 use super::*;
-use crate::plantwide::Cause;
+use crate::plantwide::{Cause, Part};
 use proptest::prelude::*;
 
 const HOUR: f64 = 3600.0;
@@ -14,6 +14,7 @@ fn seen() -> Seen {
         probability: Some(0.9),
         worth: 1.8,
         why: "it sticks".into(),
+        gains_nothing: false,
         victims: vec![LoopId::new("LIC1")],
     }
 }
@@ -233,10 +234,78 @@ fn of_causes_that_are_as_frequent_a_known_one_is_shown_and_of_those_the_latest()
     assert_eq!(after(&[unknown, unknown, valve]), (unknown, None));
 }
 
+/// What looks say of a loop that is not at rest for a cause that they know, or do not.
+fn told(hours: std::ops::Range<u32>, cause: Cause, list: &mut WorkList) -> Vec<(State, State)> {
+    let mut moves = Vec::new();
+    for now in hours.map(|hour| HOUR * f64::from(hour)) {
+        let probability = (cause != Cause::Unknown).then_some(0.9);
+        let own = said(now, true, 2.0).remove(0);
+        let own = Said { seen: Some(Seen { cause, probability, ..seen() }), ..own };
+        let changed = list.take(&[own], now, &config());
+        moves.extend(changed.into_iter().filter_map(|(_, moved)| moved).map(|m| (m.from, m.to)));
+    }
+    moves
+}
+
+#[test]
+fn no_order_is_opened_for_a_cause_that_is_not_known() {
+    let (mut list, id) = (WorkList::default(), LoopId::new("FIC1"));
+    assert_eq!(told(0..40, Cause::Unknown, &mut list), [(State::Watched, State::Unexplained)]);
+    let order = list.get(&id).expect("there");
+    assert!(!order.state.is_standing() && order.part() == Some(Part::Unknown), "{order:?}");
+    assert_eq!(list.sources().len(), 1, "its victims are told all the same");
+    // Once most of the looks know a cause there is something to order.
+    assert_eq!(told(40..81, Cause::Valve, &mut list), [(State::Unexplained, State::Open)]);
+    assert_eq!(list.get(&id).and_then(Order::part), Some(Part::First));
+
+    // Without that it calms down, and what has calmed down begins anew as it did at first.
+    let mut list = WorkList::default();
+    told(0..20, Cause::Unknown, &mut list);
+    assert_eq!(look(&mut list, 20..40, false, 0.5), [(State::Unexplained, State::Calmed)]);
+    assert_eq!(told(40..60, Cause::Unknown, &mut list), [(State::Calmed, State::Unexplained)]);
+    // People may order what the looks do not explain.
+    assert_eq!(
+        list.act(&id, Act::Reopen, None, None, 60.0 * HOUR),
+        Some(Err(Refusal("unexplained", "reopened")))
+    );
+    list.act(&id, Act::Order, None, None, 60.0 * HOUR).expect("there is one").expect("unexplained");
+    assert_eq!(list.get(&id).and_then(Order::part), Some(Part::First));
+}
+
+#[test]
+fn a_repair_that_leaves_the_loop_unexplained_did_not_help() {
+    let (mut list, id) = (WorkList::default(), LoopId::new("FIC1"));
+    told(0..20, Cause::Valve, &mut list);
+    list.act(&id, Act::Repaired, None, None, 20.0 * HOUR).expect("there is one").expect("open");
+    assert_eq!(told(21..50, Cause::Unknown, &mut list), [(State::Repaired, State::Open)]);
+    assert_eq!(list.get(&id).map(|order| order.reopened), Some(1));
+}
+
+#[test]
+fn the_part_of_an_order_follows_its_cause_and_what_is_gained() {
+    let part = |probability: f64, gains_nothing: bool| {
+        let mut list = WorkList::default();
+        for now in (0..20).map(|hour| HOUR * f64::from(hour)) {
+            let seen = Seen { probability: Some(probability), gains_nothing, ..seen() };
+            let own = Said { seen: Some(seen), ..said(now, true, 2.0).remove(0) };
+            list.take(&[own], now, &config());
+        }
+        let order = list.get(&LoopId::new("FIC1")).expect("there");
+        assert_eq!(order.state, State::Open);
+        order.part()
+    };
+    assert_eq!(part(0.9, false), Some(Part::First));
+    assert_eq!(part(0.9, true), Some(Part::Perhaps));
+    assert_eq!(part(0.7, false), Some(Part::Perhaps));
+}
+
 proptest! {
     /// Whatever is seen and done: states change only as the diagram says, and what people did stays until they act.
     #[test]
-    fn every_move_is_in_the_diagram(steps in proptest::collection::vec((0..8u8, any::<bool>(), 0.0..5.0f64), 1..200)) {
+    fn every_move_is_in_the_diagram(
+        steps in proptest::collection::vec((0..8u8, any::<bool>(), 0.0..5.0f64), 1..200),
+        is_known in any::<bool>(),
+    ) {
         let (mut list, id, mut now) = (WorkList::default(), LoopId::new("FIC1"), 0.0);
         for (what, is_seen, hours) in steps {
             now += hours * HOUR;
@@ -244,14 +313,29 @@ proptest! {
             let act = [Act::Order, Act::Repaired, Act::Dismiss, Act::Reopen].get(usize::from(what)).copied();
             let moved = match act {
                 Some(act) => list.act(&id, act, None, None, now).and_then(Result::ok).map(|(_, moved)| moved),
-                None => list.take(&said(now, is_seen, 1.0), now, &config()).pop().and_then(|(_, moved)| moved),
+                None => {
+                    let mut own = said(now, is_seen, 1.0);
+                    if let Some(seen) = own[0].seen.as_mut().filter(|_| !is_known) {
+                        (seen.cause, seen.probability) = (Cause::Unknown, None);
+                    }
+                    list.take(&own, now, &config()).pop().and_then(|(_, moved)| moved)
+                }
             };
             let after = list.get(&id).map(|order| order.state);
             if let (Some(before), Some(after)) = (before, after) && before != after {
                 let moved = moved.expect("told");
                 prop_assert_eq!((moved.from, moved.to), (before, after));
-                use State::{Calmed, Dismissed, Open, Ordered, Repaired, Verified, Watched};
-                let by_itself = [(Watched, Open), (Open, Calmed), (Repaired, Verified), (Repaired, Open), (Calmed, Open), (Verified, Open)];
+                use State::{Calmed, Dismissed, Open, Ordered, Repaired, Unexplained, Verified, Watched};
+                let begun = if is_known { Open } else { Unexplained };
+                let by_itself = [
+                    (Watched, begun),
+                    (begun, Calmed),
+                    (Open, Calmed),
+                    (Repaired, Verified),
+                    (Repaired, Open),
+                    (Calmed, begun),
+                    (Verified, begun),
+                ];
                 prop_assert!(act.is_some() || by_itself.contains(&(before, after)), "{before:?} {after:?}");
                 prop_assert!(after != Dismissed || act == Some(Act::Dismiss));
                 prop_assert!(after != Ordered || act == Some(Act::Order));

@@ -110,6 +110,8 @@ async fn stand_among_others(daemon: &Daemon, priced: &str) {
     assert!(hour("compression").is_some_and(|factor| factor >= 1.0), "{found}");
     // There is no set point, and nobody said what the limits of OP are.
     assert!(hour("ise_per_s").is_none() && latest["op_distribution"].is_null(), "{found}");
+    // Without a set point the margins are not known.
+    assert_eq!(latest.get("margins"), Some(&Value::Null), "{found}");
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -138,11 +140,15 @@ async fn from_a_swing_that_loops_share_to_an_order_that_outlives_a_restart() {
     );
     assert_problem(&get(daemon.address, "/api/v1/groups/999").await, 404);
 
-    // A suspicion lasts a minute of plant time, and is an order then.
+    // A suspicion lasts a minute of plant time, and is an order then where its cause is known.
     let source = group["suspects"][0]["id"].as_str().expect("a suspect").to_string();
     let path = "/api/v1/work";
-    let work = until(&daemon, path, "an order", |work| named(work, &source)["state"] == "open").await;
+    let lasts = |line: &Value| line["state"] == "open" || line["state"] == "unexplained";
+    let work = until(&daemon, path, "an order", |work| lasts(named(work, &source))).await;
     let line = named(&work, &source);
+    for own in work["items"].as_array().expect("a list") {
+        assert!(own["cause"] != "unknown" || own["part"] == "unknown", "nothing to do: {own}");
+    }
     // Of a cause that is not known there is nothing to be sure of.
     assert_eq!(line["probability"].is_null(), line["cause"] == "unknown", "{line}");
     calms_down_with(&daemon, group, line).await;
@@ -163,6 +169,7 @@ async fn from_a_swing_that_loops_share_to_an_order_that_outlives_a_restart() {
         "{}",
         ordered.text()
     );
+    assert_eq!(ordered.json()["part"], "first", "what people have ordered is to be done");
     let csv = get(daemon.address, "/api/v1/work.csv").await;
     assert!(
         csv.text().contains(&format!("{source},ordered,")) && csv.text().contains("'=order 4711"),

@@ -3,13 +3,15 @@
 use std::sync::Arc;
 use stictiond::indicators::distribution::distribution;
 use stictiond::indicators::harris::Harris;
+use stictiond::indicators::margins::Margins;
 use stictiond::indicators::oscillation::Oscillation;
 use stictiond::indicators::series::{COUNT, Values};
 use stictiond::indicators::settling::Settling;
 use stictiond::plantwide::Cause;
 use stictiond::serve::{Health, LoopLook, Overview, PlantwidePort, Standing, WorkLine};
 use stictiond::signal::LoopId;
-use stictiond::work::{Act, Order, Refusal, State};
+use stictiond::work::order::Look;
+use stictiond::work::{Act, Measure, Order, Refusal, State};
 
 /// An order for each of these loops, five victims each.
 pub struct Orders(pub Vec<LoopId>);
@@ -28,7 +30,9 @@ impl PlantwidePort for Orders {
             let victims = self.0.iter().cycle().skip(at + 1).take(5).cloned().collect();
             let why = "it swings with five others at 41 s, and its valve sticks".to_string();
             let why = Some((Cause::Valve, why));
-            let order = Order { state: State::Open, why, victims, ..Order::new(id.clone(), 0.0) };
+            let (cause, measure) = (Some((Cause::Valve, Some(0.9))), Measure::default());
+            let looks = [Look { at: 0.0, from: 0.0, cause, worth: 1.0, measure }].into();
+            let order = Order { state: State::Open, why, victims, looks, ..Order::new(id.clone(), 0.0) };
             WorkLine { order, cost: Some((at as f64, "EUR/day".into())) }
         };
         self.0.iter().enumerate().map(line).collect()
@@ -68,6 +72,12 @@ impl PlantwidePort for Orders {
             settling: Some(Settling { steps: 4, settled: 3, time_s: Some(42.0), overshoot: 0.125 }),
             oscillations: vec![swing(60.0), swing(600.0)],
             distribution: distribution(&[40.0, 50.0, 60.0], (0.0, 100.0)),
+            margins: Some(Margins {
+                gain: Some(1.3),
+                phase_deg: Some(17.0),
+                phase_crossover_s: Some(50.0),
+                gain_crossover_s: Some(60.0),
+            }),
         };
         let is_own = id.as_str() == "FIC00008";
         is_own.then(|| Health { looks, days: Vec::new(), last: Some(last) })

@@ -421,8 +421,8 @@ def reading(walk):
     until(page, lambda: 503 in answered and answered[-1] == 200, "what was refused comes")
     refused(walk, "alarms that were refused are asked for again")
 
-    item = {"id": LOOP, "state": "open", "since": None, "first": None, "cause": "valve", "probability": 0.9, "why": "it sticks", "victims": [f"FIC{at:05}" for at in range(1, 9)], "cost": None, "cost_unit": None, "by": None, "note": None, "reopened": 0, "before": None, "after": None}
-    page.route(WORK, lambda route: route.fulfill(json={"time": None, "standing": 1, "watched": 0, "items": [item]}))
+    item = {"id": LOOP, "part": "first", "state": "open", "since": None, "first": None, "cause": "valve", "probability": 0.9, "why": "it sticks", "victims": [f"FIC{at:05}" for at in range(1, 9)], "cost": None, "cost_unit": None, "by": None, "note": None, "reopened": 0, "before": None, "after": None}
+    page.route(WORK, lambda route: route.fulfill(json={"time": None, "standing": 1, "unknown": 0, "watched": 0, "items": [item]}))
     page.goto(f"{walk.base}/#/work")
     page.locator("tbody summary").click()
     for _ in range(2):
@@ -431,7 +431,7 @@ def reading(walk):
     check(page.locator("tbody details[open]").count() == 1, "work that is the same stays in the document")
     page.locator("tbody a").first.focus()
     item.update(why="it sticks more")
-    expect(page.locator("tbody tr")).to_contain_text("it sticks more")
+    expect(page.locator("tbody tr[data-id]")).to_contain_text("it sticks more")
     check(page.evaluate("document.activeElement.getAttribute('href')") == f"#/loop/{LOOP}", "and what has the focus keeps it when it changes")
 
 

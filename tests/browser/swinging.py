@@ -8,14 +8,26 @@ from trouble import patch
 from walk import check
 
 
+# Loops whose cause is not known and that are among those to do something about.
+MISPLACED = """() => {
+  let part = "";
+  return [...document.querySelectorAll("tbody tr")].flatMap((row) => {
+    if (row.className === "part") part = row.textContent;
+    const is_unknown = row.dataset.id && row.children[2].textContent.startsWith("unknown");
+    return is_unknown && !part.startsWith("Not at rest") ? [row.dataset.id] : [];
+  });
+}"""
+
+
 def swinging(walk):
     page = walk.open(1366, 900)
     walk.go("work")
-    row = page.locator("tbody tr[data-kind=unacknowledged]")
+    row = page.locator("tbody tr[data-id]")
     expect(row.first).to_be_visible(timeout=60_000)
     source = row.first.get_attribute("data-id")
-    check("open" in row.first.text_content(), f"{source} is to be looked at")
-    check(page.locator("#main").get_by_text("to do").first.is_visible(), "how much there is to do is told")
+    check(any(state in row.first.text_content() for state in ("open", "unexplained")), f"{source} is to be looked at")
+    check("to do" in page.locator(".summary").text_content(), "how much there is to do is told")
+    check(page.evaluate(MISPLACED) == [], "a loop whose cause is not known is listed apart")
     walk.shot("work", whole=True)
     walk.axe("the work list, light")
     walk.tab_to(f"[data-act='Order {source}']")

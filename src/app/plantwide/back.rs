@@ -134,7 +134,9 @@ fn joined(kept: Order, own: Order) -> Order {
     let before = own.before.or(kept.before);
     let (first, reopened) = (kept.first, kept.reopened + own.reopened);
     let (suspected, victims) = (own.suspected.max(kept.suspected), own.victims.clone());
-    let whole = if by_people { own } else { Order { why: own.why.or(kept.why), ..kept } };
+    // It was said with the sentence.
+    let gains_nothing = if own.why.is_some() { own.gains_nothing } else { kept.gains_nothing };
+    let whole = if by_people { own } else { Order { why: own.why.or(kept.why), gains_nothing, ..kept } };
     Order { first, suspected, victims, looks, before, reopened, ..whole }
 }
 
@@ -178,6 +180,7 @@ mod tests {
             probability: Some(0.9),
             worth: 1.8,
             why: "it sticks".into(),
+            gains_nothing: false,
             victims: vec![LoopId::new("B")],
         };
         for hour in hours {

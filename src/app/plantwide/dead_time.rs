@@ -4,7 +4,7 @@
 //! samples, and that of another diagnosis of the same loop may be one more or less. An index for another dead time is another index:
 //! so the dead time stays as it is until a good model has one that differs by more than a sample and more than a fifth.
 
-use crate::diagnosis::Verdict;
+use crate::diagnosis::{Model, Verdict};
 use crate::results::{Judged, Known};
 use crate::serve::dto::Report;
 
@@ -39,15 +39,7 @@ impl DeadTime {
 
     /// By a diagnosis; `None` where that has no good model.
     pub fn of_judged(judged: &Judged) -> Option<Self> {
-        let own = &judged.diagnosis;
-        let declared = own.residual.as_ref().is_some_and(|residual| residual.white);
-        let is_white = judged.findings.as_ref().map_or(declared, |found| found.after.white);
-        let model = match judged.replaced_by() {
-            Some(found) => &found.model,
-            None => &own.estimate.as_ref()?.model,
-        };
-        let is_good = is_white && !matches!(judged.verdict(), Verdict::NotIdentifiable(_));
-        Self::new(model.nk, own.preparation.ts).filter(|_| is_good)
+        Self::new(good_model(judged)?.nk, judged.diagnosis.preparation.ts)
     }
 
     /// By the report of a diagnosis, as [`DeadTime::of_judged`].
@@ -55,6 +47,19 @@ impl DeadTime {
         let is_good = report.residual.white_after == Some(true) && report.reason_code.is_none();
         Self::new(report.model.as_ref()?.nk, report.window.ts_s?).filter(|_| is_good)
     }
+}
+
+/// The model of a diagnosis, where it is good.
+pub(super) fn good_model(judged: &Judged) -> Option<&Model> {
+    let own = &judged.diagnosis;
+    let declared = own.residual.as_ref().is_some_and(|residual| residual.white);
+    let is_white = judged.findings.as_ref().map_or(declared, |found| found.after.white);
+    let model = match judged.replaced_by() {
+        Some(found) => &found.model,
+        None => &own.estimate.as_ref()?.model,
+    };
+    let is_good = is_white && !matches!(judged.verdict(), Verdict::NotIdentifiable(_));
+    is_good.then_some(model)
 }
 
 /// The dead time from now on (s), where it was `before` (s) and a good model has that.
@@ -68,7 +73,7 @@ pub(super) fn kept(before: Option<f64>, fitted: Option<DeadTime>) -> Option<f64>
 mod tests {
     use super::*;
     use crate::diagnosis::rivals::Rival;
-    use crate::diagnosis::{Diagnosis, Estimate, Model, NotIdentifiable, Preparation, Residual};
+    use crate::diagnosis::{Diagnosis, Estimate, NotIdentifiable, Preparation, Residual};
 
     /// A diagnosis with a model of three samples' delay at 10 s.
     fn judged(verdict: Verdict, white: bool) -> Judged {

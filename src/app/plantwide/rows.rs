@@ -14,6 +14,8 @@ use std::fmt::Write;
 const WORK: &str = "work";
 const HEALTH: &str = "health";
 const TODAY: &str = "today";
+/// What stands behind a cause by whose removal nothing is gained.
+const GAINS_NOTHING: &str = "\tgains nothing";
 
 /// A loop's indicators, day by day: when each ended (s), and its means.
 pub(in crate::app) type Days = (LoopId, Vec<(f64, Values)>);
@@ -61,7 +63,8 @@ pub(in crate::app) fn order_rows(order: &Order, moved: Option<&Move>) -> Vec<Row
     let mut trend = String::new();
     let victims: Vec<&str> = order.victims.iter().map(LoopId::as_str).collect();
     let why = order.why.as_ref().map_or("", |(cause, _)| cause.as_str());
-    let _ = writeln!(trend, "{why}\n{}", victims.join("\t"));
+    let gains = if order.gains_nothing { GAINS_NOTHING } else { "" };
+    let _ = writeln!(trend, "{why}{gains}\n{}", victims.join("\t"));
     for look in &order.looks {
         let (cause, p) = look.cause.map_or(("-", None), |(cause, p)| (cause.as_str(), p));
         let (p, worth, own) = (field(p), look.worth, measure(&look.measure));
@@ -145,7 +148,9 @@ fn order_of(row: &AlarmRow) -> Option<Order> {
     let mut votes = row.votes.split(' ');
     let (state, reopened, suspected) = (votes.next()?, votes.next()?, number(votes.next()?)?);
     let mut lines = row.trend.lines();
-    let why = lines.next().and_then(cause).map(|cause| (cause, row.detail.clone()));
+    let first = lines.next().unwrap_or_default();
+    let gains_nothing = first.ends_with(GAINS_NOTHING);
+    let why = cause(first.trim_end_matches(GAINS_NOTHING)).map(|cause| (cause, row.detail.clone()));
     let victims = lines.next().unwrap_or_default().split('\t').filter(|name| !name.is_empty());
     let victims = victims.map(LoopId::new).collect();
     let looks: VecDeque<Look> = lines.filter_map(look).collect();
@@ -164,6 +169,7 @@ fn order_of(row: &AlarmRow) -> Option<Order> {
         first: row.raised_at?,
         suspected,
         why,
+        gains_nothing,
         victims,
         looks,
         before,
@@ -248,7 +254,8 @@ mod tests {
             let (cause, probability) =
                 if hour < 7 { (Cause::Unknown, None) } else { (Cause::Valve, Some(0.875)) };
             let victims = vec![LoopId::new("LIC1"), LoopId::new("TIC 2")];
-            Seen { cause, probability, worth: 2.25, why: "it sticks".into(), victims }
+            let (why, gains_nothing) = ("it sticks".to_string(), cause == Cause::Valve);
+            Seen { cause, probability, worth: 2.25, why, gains_nothing, victims }
         };
         for hour in 0..60_u32 {
             let seen = (hour % 10 != 3).then(|| seen(hour));
@@ -264,7 +271,12 @@ mod tests {
             (moved.before.as_str(), moved.after.as_str(), moved.cause.as_str()),
             ("open", "repaired", "acted")
         );
+        assert!(acted.0.gains_nothing && acted.0.why.is_some(), "{:?}", acted.0);
         assert_eq!(order_of(row).as_ref(), Some(&acted.0));
+        let useful = Order { gains_nothing: false, ..acted.0.clone() };
+        let kept = order_rows(&useful, None);
+        let [Row::Alarm(row)] = &kept[..] else { panic!("{kept:?}") };
+        assert_eq!(order_of(row).as_ref(), Some(&useful));
         assert_eq!(health_of(row), None);
     }
 

@@ -45,6 +45,7 @@ pub(super) fn said(plant: &Live<'_>, found: &Analysis) -> LookSaid {
             probability: task.probability,
             worth: task.worth,
             why: task.why.clone(),
+            gains_nothing: task.gains_nothing,
             victims: task.victims.iter().map(|at| id(*at)).collect(),
         });
         // Where most of the movement is too fast for the window, it does not tell rest, and the latest part does. A term of write-back
@@ -69,6 +70,7 @@ fn last(of: &LoopFound, now: f64) -> LoopLook {
         settling: told.settling,
         oscillations: told.oscillations.clone(),
         distribution: told.distribution,
+        margins: of.margins,
     }
 }
 
@@ -123,7 +125,7 @@ mod tests {
     use crate::indicators::series::NAMED;
     use crate::plantwide::{Cause, analyse};
     use crate::results::{Remembered, Restored, Results, Trigger};
-    use crate::signal::{BadReason, Quality, Role, Sample, SpanSource};
+    use crate::signal::{BadReason, Quality, Role, Sample, SpanSource, Window};
     use crate::work::{Act, Config, State, WorkList};
     use rand::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
@@ -191,6 +193,7 @@ mod tests {
             probability: Some(0.9),
             worth: 1.0,
             why: "it sticks".into(),
+            gains_nothing: false,
             victims: Vec::new(),
         };
         for now in (0..60).map(|hour| 3600.0 * f64::from(hour)) {
@@ -249,8 +252,8 @@ mod tests {
     #[test]
     fn without_a_mode_an_op_that_stands_still_is_all_that_tells_manual() {
         let of = WatchedLoop { id: LoopId::new(NAME), upstream: Vec::new() };
-        let live =
-            |op_moves, pv_moves| LiveLoop { of: &of, from: 0.0, op_moves, pv_moves, dead_time_s: None };
+        let empty = LiveLoop::new(&of, &Window::default(), 0.0);
+        let live = |op_moves, pv_moves| LiveLoop { op_moves, pv_moves, ..empty };
         let shows = |live: LiveLoop<'_>| [false, true].map(|seen| live.shows_something(seen));
         assert_eq!(shows(live(true, true)), [true, true]);
         assert_eq!(shows(live(true, false)), [true, true]);
@@ -464,8 +467,9 @@ mod tests {
         let said = |code: &str, says: &str| Some((code.to_string(), says.to_string()));
         let slow = of("not_identifiable", Some("undersampled"), "undersampled: 2.2 samples per period");
         assert_eq!(told(&slow), said("undersampled", "sampled too slowly: 2.2 samples per period"));
-        let flat = of("not_identifiable", Some("flat_op"), "flat OP: it does not move");
-        assert_eq!(told(&flat), said("flat_op", "flat OP: it does not move"));
+        // The sentence behind the name of the reason is enough.
+        let flat = of("not_identifiable", Some("flat_op"), "flat OP: it does not move: never");
+        assert_eq!(told(&flat), said("flat_op", "it does not move: never"));
         let late = of("deadline_exceeded", None, "the run was not done before its deadline");
         assert_eq!(told(&late), said("deadline_exceeded", "the run was not done before its deadline"));
         for outcome in ["stiction", "no_stiction"] {

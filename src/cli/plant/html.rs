@@ -1,9 +1,9 @@
 //! What `stictiond plant` found, as one page that stands alone: light and dark, wide and narrow.
 
-use super::{counted, sure};
+use super::{counted, nothing, sure};
 use std::fmt::Write;
 use stictiond::plantwide::cause::period;
-use stictiond::plantwide::{Analysis, Group, Plant, Task};
+use stictiond::plantwide::{Analysis, Group, Part, Plant, Task};
 use stictiond::plot::{COLOURS, escape};
 use stictiond::results::words::percent;
 use stictiond::serve::report::GroupPictures;
@@ -26,7 +26,9 @@ svg .mark { stroke: var(--look); stroke-dasharray: 2 3; } svg .cell { fill: var(
 pub fn page(title: &str, plant: &dyn Plant, found: &Analysis, work: &[Task], skipped: &[String]) -> String {
     let mut body = format!("<h1>{}</h1>", escape(title));
     let _ = write!(body, "<p>{}.</p>", counted(found));
-    list(&mut body, found, work);
+    for part in Part::ALL {
+        list(&mut body, part, found, work);
+    }
     for (k, group) in found.groups.iter().enumerate() {
         of_group(&mut body, k, group, plant, found);
     }
@@ -45,21 +47,36 @@ pub fn page(title: &str, plant: &dyn Plant, found: &Analysis, work: &[Task], ski
     )
 }
 
-fn list(out: &mut String, found: &Analysis, work: &[Task]) {
-    *out += "<section><h2>What to do first</h2>";
-    if work.is_empty() {
-        *out += "<p>Nothing: no loop that could be judged needs work.</p></section>";
+/// One part of the list of tasks; nothing of an empty one but the first.
+fn list(out: &mut String, part: Part, found: &Analysis, work: &[Task]) {
+    let lines: Vec<&Task> = work.iter().filter(|line| line.part() == part).collect();
+    if lines.is_empty() && part != Part::First {
         return;
     }
-    *out += "<div class=\"wide\"><table><thead><tr><th>Loop</th><th>Cause</th><th class=\"number\">Probability</th><th>Why</th><th>May calm down with it</th></tr></thead><tbody>";
-    for line in work {
+    let _ = write!(out, "<section><h2>{}</h2><p class=\"faint\">{}</p>", part.heading(), part.note());
+    if lines.is_empty() {
+        let _ = write!(out, "<p>{}.</p></section>", nothing(work));
+        return;
+    }
+    // Of a cause that is not known there is neither a name nor a probability.
+    let is_known = part != Part::Unknown;
+    let cause = if is_known { "<th>Cause</th><th class=\"number\">Probability</th>" } else { "" };
+    let _ = write!(
+        out,
+        "<div class=\"wide\"><table><thead><tr><th>Loop</th>{cause}<th>Why</th><th>May calm down with it</th></tr></thead><tbody>"
+    );
+    for line in lines {
         let victims: Vec<String> = line.victims.iter().map(|i| escape(&found.loops[*i].name)).collect();
+        let (cause, sure) = (line.cause.as_str(), escape(&sure(line)));
+        let cause = if is_known {
+            format!("<td>{cause}</td><td class=\"number\">{sure}</td>")
+        } else {
+            String::new()
+        };
         let _ = write!(
             out,
-            "<tr><td><strong>{}</strong></td><td>{}</td><td class=\"number\">{}</td><td>{}</td><td>{}</td></tr>",
+            "<tr><td><strong>{}</strong></td>{cause}<td>{}</td><td>{}</td></tr>",
             escape(&found.loops[line.at].name),
-            line.cause.as_str(),
-            escape(&sure(line)),
             escape(&line.why),
             victims.join(", ")
         );
@@ -100,7 +117,8 @@ fn of_group(out: &mut String, k: usize, group: &Group, plant: &dyn Plant, found:
 }
 
 fn loops(out: &mut String, found: &Analysis) {
-    *out += "<section><h2>All loops, the worst first</h2><div class=\"wide\"><table><thead><tr><th>Loop</th><th class=\"number\">Score</th><th class=\"number\">Period</th><th class=\"number less\">Share</th><th class=\"number less\">Harris</th><th class=\"number less\">Reversals a day</th><th>Cause</th><th class=\"less\">Why</th></tr></thead><tbody>";
+    *out += "<section><h2>All loops, the worst first</h2><p class=\"faint\">Score: 100 for a loop at rest, 0 for the worst. Share: of PV's \
+             variance in its largest swing. Harris: 1 where no tuning makes PV steadier, near 0 where tuning could gain most. Margins: usual are 2 to 5 and 30° to 60°.</p><div class=\"wide\"><table><thead><tr><th>Loop</th><th class=\"number\">Score</th><th class=\"number\">Period</th><th class=\"number less\">Share</th><th class=\"number less\">Harris</th><th class=\"less\">Margins</th><th class=\"number less\">Reversals a day</th><th>Cause</th><th class=\"less\">Why</th></tr></thead><tbody>";
     let mut order: Vec<usize> = (0..found.loops.len()).collect();
     let score = |i: usize| found.loops[i].indicators.score.unwrap_or(100.0);
     order.sort_by(|a, b| score(*a).total_cmp(&score(*b)));
@@ -110,12 +128,13 @@ fn loops(out: &mut String, found: &Analysis) {
         let cell = |text: Option<String>| text.unwrap_or_else(|| "–".into());
         let _ = write!(
             out,
-            "<tr><td>{}</td><td class=\"number\">{}</td><td class=\"number\">{}</td><td class=\"number less\">{}</td><td class=\"number less\">{}</td><td class=\"number less\">{}</td><td>{}</td><td class=\"less\">{}</td></tr>",
+            "<tr><td>{}</td><td class=\"number\">{}</td><td class=\"number\">{}</td><td class=\"number less\">{}</td><td class=\"number less\">{}</td><td class=\"less\">{}</td><td class=\"number less\">{}</td><td>{}</td><td class=\"less\">{}</td></tr>",
             escape(&of.name),
             cell(of.indicators.score.map(|s| format!("{s:.0}"))),
             cell(swing.map(|s| period(s.period_s))),
             cell(swing.map(|s| format!("{:.0} %", 100.0 * s.share))),
             cell(of.indicators.harris.map(|h| format!("{:.2}", h.index))),
+            cell(of.margins.map(|margins| margins.words())),
             cell(of.indicators.travel.map(|travel| format!("{:.0}", travel.reversals_a_day))),
             of.reason.as_ref().map_or("–", |r| r.cause.as_str()),
             of.reason.as_ref().map_or(String::new(), |r| escape(&r.why))

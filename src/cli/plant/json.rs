@@ -5,6 +5,7 @@ use crate::cli::Failure;
 use serde::Serialize;
 use stictiond::indicators::distribution::BINS;
 use stictiond::plantwide::{Analysis, LoopFound, Task};
+use stictiond::serve::dto::latest_look::MarginsItem;
 
 #[derive(Serialize)]
 struct Found<'a> {
@@ -31,6 +32,7 @@ struct Loop<'a> {
     harris_ci95: Option<[f64; 2]>,
     harris_dead_time_s: Option<f64>,
     harris_dead_time_from: Option<&'static str>,
+    margins: Option<MarginsItem>,
     swing: Option<f64>,
     settling: Option<Settling>,
     travel_a_day: Option<f64>,
@@ -106,6 +108,7 @@ struct Suspect<'a> {
 struct Line<'a> {
     #[serde(rename = "loop")]
     name: &'a str,
+    part: &'static str,
     cause: &'static str,
     probability: Option<f64>,
     why: &'a str,
@@ -126,6 +129,7 @@ pub fn text(found: &Analysis, work: &[Task], skipped: &[Skipped]) -> Result<Stri
     });
     let lines = work.iter().map(|line| Line {
         name: name(line.at),
+        part: line.part().as_str(),
         cause: line.cause.as_str(),
         probability: line.probability,
         why: &line.why,
@@ -159,6 +163,7 @@ fn one<'a>(of: &'a LoopFound, found: &'a Analysis) -> Loop<'a> {
         harris_ci95: i.harris.and_then(|h| h.interval).map(|(low, high)| [low, high]),
         harris_dead_time_s: i.dead_time_s,
         harris_dead_time_from: i.harris.map(|_| if i.dead_time_s.is_some() { "model" } else { "one_sample" }),
+        margins: of.margins.as_ref().map(MarginsItem::from),
         swing: i.swing,
         settling: i.settling.map(|own| Settling {
             steps: own.steps,

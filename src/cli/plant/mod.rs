@@ -15,10 +15,10 @@ use std::borrow::Cow;
 use std::collections::HashMap;
 use std::fmt::Write as _;
 use std::path::PathBuf;
-use stictiond::app::{App, DeadTime, friction_of, untold_of};
+use stictiond::app::{App, DeadTime, friction_of, margins_of, untold_of};
 use stictiond::plantwide::cause::period;
 use stictiond::plantwide::window::{of_record, recent};
-use stictiond::plantwide::{Analysis, HOUR_S, Plant, PlantLoop, Task, analyse, tasks};
+use stictiond::plantwide::{Analysis, HOUR_S, Part, Plant, PlantLoop, Task, analyse, tasks};
 use stictiond::results::words::percent;
 use stictiond::results::{Outcome, Run, Summary, Trigger};
 use stictiond::signal::{LoopId, Record};
@@ -207,6 +207,7 @@ fn diagnose(
         let (Some(own), Ok(record)) = (own, record) else { return false };
         let judged = judge(&record, &settings, None);
         let dead_time_s = DeadTime::of_judged(&judged).map(|found| found.own_s);
+        own.margins = margins_of(&judged, own.op_limits);
         let run = Run {
             id: LoopId::new(name),
             started: 0.0,
@@ -263,19 +264,8 @@ fn text(found: &Analysis, work: &[Task], skipped: &[Skipped]) -> String {
             let _ = writeln!(out, "  {what}: {} ({probability}) {evidence}", name(suspect.at));
         }
     }
-    let _ = writeln!(out, "\nWhat to do first");
-    if work.is_empty() {
-        let _ = writeln!(out, "  nothing: no loop that could be judged needs work");
-    }
-    for line in work {
-        let victims: Vec<&str> = line.victims.iter().map(|i| name(*i)).collect();
-        let calm = if victims.is_empty() {
-            String::new()
-        } else {
-            format!(" — may calm down with it: {}", victims.join(" "))
-        };
-        let _ =
-            writeln!(out, "  {} {} ({}): {}{calm}", name(line.at), line.cause.as_str(), sure(line), line.why);
+    for part in Part::ALL {
+        list(&mut out, part, found, work);
     }
     for why in skipped::lines(skipped, FIRST) {
         let _ = writeln!(out, "skipped {why}");
@@ -283,10 +273,83 @@ fn text(found: &Analysis, work: &[Task], skipped: &[Skipped]) -> String {
     out
 }
 
+/// What is said where there is nothing to do first.
+fn nothing(work: &[Task]) -> &'static str {
+    match work.first().map(Task::part) {
+        None => "Nothing: no loop that could be judged needs work",
+        Some(Part::Unknown) => "Nothing: no cause is known",
+        Some(_) => "Nothing: no cause is likely enough",
+    }
+}
+
+/// One part of the list of tasks; nothing of an empty one but the first.
+fn list(out: &mut String, part: Part, found: &Analysis, work: &[Task]) {
+    let lines: Vec<&Task> = work.iter().filter(|line| line.part() == part).collect();
+    if lines.is_empty() && part != Part::First {
+        return;
+    }
+    let note = if part.note().is_empty() { String::new() } else { format!(" ({})", part.note()) };
+    let _ = writeln!(out, "\n{}{note}", part.heading());
+    if lines.is_empty() {
+        let _ = writeln!(out, "  {}", nothing(work));
+    }
+    for line in lines {
+        let name = |i: usize| found.loops[i].name.as_str();
+        let cause = match part {
+            Part::Unknown => String::new(),
+            _ => format!(" {} ({})", line.cause.as_str(), sure(line)),
+        };
+        let victims: Vec<&str> = line.victims.iter().map(|i| name(*i)).collect();
+        let calm = if victims.is_empty() {
+            String::new()
+        } else {
+            format!(" — may calm down with it: {}", victims.join(" "))
+        };
+        let _ = writeln!(out, "  {}{cause}: {}{calm}", name(line.at), line.why);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use stictiond::plantwide::{Group, LoopFound};
+    use stictiond::plantwide::{Cause, Group, LoopFound};
+
+    fn told(work: &[(Cause, Option<f64>)]) -> String {
+        let task = |(at, (cause, probability)): (usize, &(Cause, Option<f64>))| Task {
+            at,
+            cause: *cause,
+            probability: *probability,
+            worth: 1.0,
+            why: format!("why {at}"),
+            gains_nothing: false,
+            victims: if at == 0 { vec![2] } else { Vec::new() },
+        };
+        let loops =
+            ["FIC1", "LIC2", "TIC3"].map(|name| LoopFound { name: name.into(), ..LoopFound::default() });
+        let found = Analysis { loops: loops.into(), groups: Vec::new() };
+        let work: Vec<Task> = work.iter().enumerate().map(task).collect();
+        text(&found, &work, &[])
+    }
+
+    #[test]
+    fn the_list_has_three_parts_and_what_is_not_known_is_no_work() {
+        let all = told(&[(Cause::Valve, Some(0.9)), (Cause::Tuning, Some(0.6)), (Cause::Unknown, None)]);
+        assert_eq!(
+            all,
+            "3 loops, 0 of them oscillate, 0 groups\n\n\
+             What to do first\n  FIC1 valve (90 %): why 0 — may calm down with it: TIC3\n\n\
+             Perhaps (less likely than 80 %, or nothing to gain: look before you order work)\n  LIC2 tuning (60 %): why 1\n\n\
+             Not at rest, cause unknown (nothing to order yet)\n  TIC3: why 2\n"
+        );
+        for (work, nothing) in [
+            (&[][..], "What to do first\n  Nothing: no loop that could be judged needs work\n"),
+            (&[(Cause::Unknown, None)][..], "What to do first\n  Nothing: no cause is known\n"),
+            (&[(Cause::Load, Some(0.5))][..], "What to do first\n  Nothing: no cause is likely enough\n"),
+        ] {
+            assert!(told(work).contains(nothing), "{}", told(work));
+        }
+        assert!(!told(&[]).contains("Perhaps"));
+    }
 
     #[test]
     fn one_is_not_told_as_many() {

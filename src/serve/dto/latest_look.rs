@@ -2,6 +2,7 @@
 
 use super::{finite, rfc3339};
 use crate::indicators::distribution::Distribution;
+use crate::indicators::margins::Margins;
 use crate::indicators::oscillation::Oscillation;
 use crate::indicators::settling::Settling;
 use crate::serve::ports::LoopLook;
@@ -15,6 +16,8 @@ pub struct LatestLook {
     pub time: Option<String>,
     /// The Harris index; null where the error is too short or does not move.
     pub harris: Option<HarrisItem>,
+    /// Gain and phase margin; null where they are not known.
+    pub margins: Option<MarginsItem>,
     /// How steps of the set point were followed; null without one to look at.
     pub settling: Option<SettlingItem>,
     /// Oscillations of the error, the largest first, three at most.
@@ -35,6 +38,17 @@ pub struct HarrisItem {
     /// Where the dead time is from: `model`, or `one_sample` where no good model had one.
     #[schema(value_type = String, example = "model")]
     pub dead_time_from: &'static str,
+}
+
+/// The margins of the loop, by its controller and the linear model of its latest diagnosis.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct MarginsItem {
+    /// Gain margin (-): the factor by which the loop's gain may grow before it swings without end; null without a phase crossover.
+    pub gain: Option<f64>,
+    /// Phase margin (degrees); null without a gain crossover.
+    pub phase_deg: Option<f64>,
+    /// Period of the gain crossover (s), with about which a tight loop swings; null without one.
+    pub period_s: Option<f64>,
 }
 
 /// How steps of the set point were followed.
@@ -91,9 +105,20 @@ impl From<&LoopLook> for LatestLook {
         Self {
             time: rfc3339(own.at),
             harris,
+            margins: own.margins.as_ref().map(MarginsItem::from),
             settling: own.settling.as_ref().map(SettlingItem::from),
             oscillations: own.oscillations.iter().map(SwingItem::from).collect(),
             op_distribution: own.distribution.as_ref().map(DistributionItem::from),
+        }
+    }
+}
+
+impl From<&Margins> for MarginsItem {
+    fn from(own: &Margins) -> Self {
+        Self {
+            gain: own.gain.and_then(finite),
+            phase_deg: own.phase_deg.and_then(finite),
+            period_s: own.gain_crossover_s.and_then(finite),
         }
     }
 }
@@ -152,6 +177,12 @@ mod tests {
             settling: Some(Settling { steps: 4, settled: 3, time_s: Some(42.0), overshoot: 0.125 }),
             oscillations: vec![swing(60.0), swing(600.0)],
             distribution: Some(Distribution { quantiles: [40.0, 50.0, 60.0], histogram }),
+            margins: Some(Margins {
+                gain: None,
+                phase_deg: Some(17.5),
+                phase_crossover_s: None,
+                gain_crossover_s: Some(120.0),
+            }),
         };
         let told = |own: &LoopLook| serde_json::to_value(LatestLook::from(own)).expect("JSON");
         let found = told(&own);
@@ -159,6 +190,7 @@ mod tests {
         let harris =
             json!({"index": 0.75, "ci95": [0.5, 0.875], "dead_time_s": 20.0, "dead_time_from": "model"});
         assert_eq!(found["harris"], harris);
+        assert_eq!(found["margins"], json!({"gain": null, "phase_deg": 17.5, "period_s": 120.0}));
         assert_eq!(found["settling"], json!({"steps": 4, "settled": 3, "time_s": 42.0, "overshoot": 0.125}));
         let periods: Vec<f64> = own.oscillations.iter().map(|own| own.period_s).collect();
         let seen = found["oscillations"].as_array().expect("a list");
@@ -172,11 +204,13 @@ mod tests {
             (&spread["q05"], &spread["q95"], &spread["histogram"][10]),
             (&json!(40.0), &json!(60.0), &json!(0.75))
         );
-        let bare = told(&LoopLook { dead_time_s: None, settling: None, distribution: None, ..own });
+        let known = LoopLook { dead_time_s: None, settling: None, distribution: None, margins: None, ..own };
+        let bare = told(&known);
         assert_eq!(
             (&bare["harris"]["dead_time_s"], &bare["harris"]["dead_time_from"]),
             (&json!(null), &json!("one_sample"))
         );
-        assert!(bare["settling"].is_null() && bare["op_distribution"].is_null());
+        let unknown = ["settling", "op_distribution", "margins"];
+        assert!(unknown.iter().all(|name| bare[*name].is_null()), "{bare}");
     }
 }

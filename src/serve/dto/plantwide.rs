@@ -3,6 +3,7 @@
 use super::latest_look::LatestLook;
 use super::rfc3339;
 use crate::indicators::series::{COUNT, NAMED, Values, over};
+use crate::plantwide::Part;
 use crate::plantwide::cause::period;
 use crate::results::words::percent;
 use crate::serve::ports::{GroupSeen, Health, Overview, WorkLine};
@@ -162,9 +163,11 @@ pub struct WorkListing {
     pub time: Option<String>,
     /// Orders that somebody has something to do for, in all.
     pub standing: usize,
+    /// Loops that are not at rest for a cause that is not known, in all: there is nothing to order yet.
+    pub unknown: usize,
     /// Suspicions that have not lasted yet, in all.
     pub watched: usize,
-    /// What to do first comes first.
+    /// What to do first comes first, then what to do perhaps, then the loops whose cause is not known.
     pub items: Vec<WorkItem>,
 }
 
@@ -173,6 +176,10 @@ pub struct WorkListing {
 pub struct WorkItem {
     /// The loop to look at.
     pub id: String,
+    /// The part of the list: `first` for what to do first, `perhaps` where the cause is less likely than 0.8 or nothing is gained by
+    /// removing it, `unknown` for a loop whose cause is not known; null for what is watched or over.
+    #[schema(value_type = Option<String>, example = "first")]
+    pub part: Option<&'static str>,
     /// Where it stands.
     #[schema(value_type = String, example = "open")]
     pub state: &'static str,
@@ -240,6 +247,7 @@ impl WorkItem {
         let cause = order.cause();
         Self {
             id: order.id.to_string(),
+            part: order.part().map(Part::as_str),
             state: order.state.as_str(),
             since: rfc3339(order.since),
             first: rfc3339(order.first),
@@ -268,15 +276,15 @@ impl WorkListing {
             let by_number = by_number.unwrap_or(Ordering::Equal);
             other.cmp(state).then(by_number).then_with(|| one.order.id.cmp(&two.order.id))
         });
-        let count =
-            |wanted: fn(State) -> bool| lines.iter().filter(|(_, line)| wanted(line.order.state)).count();
+        let of_part = |part: Part| lines.iter().filter(|(_, line)| line.order.part() == Some(part)).count();
         Self {
             time: rfc3339(now),
-            standing: count(State::is_standing),
-            watched: count(|state| state == State::Watched),
+            standing: of_part(Part::First) + of_part(Part::Perhaps),
+            unknown: of_part(Part::Unknown),
+            watched: lines.iter().filter(|(_, line)| line.order.state == State::Watched).count(),
             items: lines
                 .iter()
-                .filter(|(_, line)| all || line.order.state.is_standing())
+                .filter(|(_, line)| all || line.order.part().is_some())
                 .map(|(_, line)| WorkItem::of(line))
                 .collect(),
         }
@@ -390,7 +398,7 @@ mod tests {
         let line = |name: &str, cause: Cause, probability: Option<f64>, worth: f64| {
             let mut order = Order::new(LoopId::new(name), 0.0);
             let (why, victims) = ("it swings".to_string(), vec![LoopId::new("B")]);
-            let seen = Seen { cause, probability, worth, why, victims };
+            let seen = Seen { cause, probability, worth, why, gains_nothing: false, victims };
             order.take(Some(&seen), Measure::default(), 0.0, 3600.0, &work::Config::default());
             WorkLine { order, cost: None }
         };
@@ -408,6 +416,55 @@ mod tests {
             (items[0].why.as_str(), items[0].victims.as_slice()),
             ("it swings", &["B".to_string()][..])
         );
+    }
+
+    #[test]
+    fn a_loop_whose_cause_is_not_known_is_listed_below_and_is_nothing_to_do() {
+        let line = |name: &str, state: State, cause: Cause, probability: f64, gains_nothing: bool| {
+            let mut order = Order { state, ..Order::new(LoopId::new(name), 0.0) };
+            let (why, victims) = (String::new(), Vec::new());
+            let probability = (cause != Cause::Unknown).then_some(probability);
+            // The one that is worth least is first.
+            let seen = Seen {
+                cause,
+                probability,
+                worth: 2.0 - probability.unwrap_or(0.0),
+                why,
+                gains_nothing,
+                victims,
+            };
+            order.take(Some(&seen), Measure::default(), 0.0, 3600.0, &work::Config::default());
+            WorkLine { order, cost: None }
+        };
+        let lines = || {
+            vec![
+                line("watched", State::Watched, Cause::Valve, 0.99, false),
+                line("unknown", State::Unexplained, Cause::Unknown, 0.0, false),
+                line("opened", State::Open, Cause::Unknown, 0.0, false),
+                line("unlikely", State::Open, Cause::Valve, 0.5, false),
+                line("useless", State::Open, Cause::Sensor, 0.9, true),
+                line("likely", State::Open, Cause::Valve, 0.95, false),
+                line("wanted", State::Ordered, Cause::Valve, 0.4, false),
+                line("over", State::Calmed, Cause::Valve, 0.99, false),
+            ]
+        };
+        let told = |listing: &WorkListing| -> Vec<(String, Option<&'static str>)> {
+            listing.items.iter().map(|item| (item.id.clone(), item.part)).collect()
+        };
+        let own = |id: &str, part: &'static str| (id.to_string(), Some(part));
+        let listing = WorkListing::of(lines(), false, 7200.0);
+        let listed = [
+            own("wanted", "first"),
+            own("likely", "first"),
+            own("unlikely", "perhaps"),
+            own("useless", "perhaps"),
+            own("opened", "unknown"),
+            own("unknown", "unknown"),
+        ];
+        assert_eq!(told(&listing), listed);
+        assert_eq!((listing.standing, listing.unknown, listing.watched), (4, 2, 1));
+        let all = told(&WorkListing::of(lines(), true, 7200.0));
+        assert_eq!(all[6..], [("watched".to_string(), None), ("over".to_string(), None)]);
     }
 
     #[test]

@@ -3,9 +3,11 @@
 use super::super::report::GroupPictures;
 use crate::indicators::distribution::Distribution;
 use crate::indicators::harris::Harris;
+use crate::indicators::margins::Margins;
 use crate::indicators::oscillation::Oscillation;
 use crate::indicators::series::Values;
 use crate::indicators::settling::Settling;
+use crate::plantwide::Part;
 use crate::signal::LoopId;
 use crate::work::{Act, Order, Refusal};
 use std::collections::HashMap;
@@ -66,13 +68,14 @@ pub struct WorkLine {
 }
 
 impl WorkLine {
-    /// What lines are sorted by, the greatest first: standing before watched before over, then price, then how many loops are
-    /// expected to be calmer, then how sure the cause is, an unknown one last.
+    /// What lines are sorted by, the greatest first: the parts of the list before watched before over, then price, then how many loops
+    /// are expected to be calmer, then how sure the cause is, an unknown one last.
     pub fn rank(&self) -> (u8, [f64; 3]) {
-        let standing = match self.order.state {
-            state if state.is_standing() => 2,
-            state if state.is_over() => 0,
-            _ => 1,
+        let standing = match self.order.part() {
+            Some(Part::First) => 4,
+            Some(Part::Perhaps) => 3,
+            Some(Part::Unknown) => 2,
+            None => u8::from(!self.order.state.is_over()),
         };
         let sure = self.order.cause().and_then(|(_, probability)| probability);
         let cost = self.cost.as_ref().map_or(0.0, |(cost, _)| *cost);
@@ -106,6 +109,8 @@ pub struct LoopLook {
     pub oscillations: Vec<Oscillation>,
     /// Where OP stayed.
     pub distribution: Option<Distribution>,
+    /// Its margins, by the controller and the linear model of its latest diagnosis.
+    pub margins: Option<Margins>,
 }
 
 /// How a loop stands among others, by the latest look.

@@ -1,4 +1,5 @@
-// The work list: what to do, source before victims, and what became of it.
+// The work list: what to do, source before victims, what to do perhaps, which loops are not at rest for an unknown cause, and what became
+// of it.
 
 import { workAct } from "./actions.js";
 import { get, href, often } from "./api.js";
@@ -9,10 +10,19 @@ import { may } from "./session.js";
 
 const COLUMNS = ["Loop", "State", "Cause", "Why", "May calm down with it", "Cost", "By, remark", ""];
 // A row of a state has the mark of a tile that is as urgent.
-const MARKS = { open: "unacknowledged", ordered: "acknowledged", repaired: "sticking", watched: "waiting", verified: "sound", calmed: "sound", dismissed: "silent" };
-const MAY = { watched: ["order", "dismiss"], open: ["order", "repaired", "dismiss"], ordered: ["repaired", "dismiss"], repaired: ["reopen"], verified: ["reopen"], calmed: ["reopen"], dismissed: ["reopen"] };
+const MARKS = { open: "unacknowledged", ordered: "acknowledged", repaired: "sticking", watched: "waiting", unexplained: "waiting", verified: "sound", calmed: "sound", dismissed: "silent" };
+const MAY = { watched: ["order", "dismiss"], unexplained: ["order", "dismiss"], open: ["order", "repaired", "dismiss"], ordered: ["repaired", "dismiss"], repaired: ["reopen"], verified: ["reopen"], calmed: ["reopen"], dismissed: ["reopen"] };
 const VERBS = { order: "Order", repaired: "Done", dismiss: "Dismiss", reopen: "Reopen" };
 const PAGE = 100, VICTIMS = 6;
+// The parts of the list, each with what its loops have in common.
+const PARTS = {
+  first: ["What to do first", ""],
+  perhaps: ["Perhaps", ": less likely than 80 %, or nothing to gain: look before you order work"],
+  unknown: ["Not at rest, cause unknown", ": nothing to order yet"],
+  watched: ["Suspected, not for long enough yet", ""],
+  over: ["Over", ""],
+};
+const partOf = ({ part, state }) => part ?? (state === "watched" ? "watched" : "over");
 
 const link = (id) => h("a", { href: `#/loop/${encodeURIComponent(id)}` }, id);
 
@@ -53,9 +63,17 @@ export function workView(main, _parts, query) {
       h("td", { class: "act" }, may("operator") ? (MAY[item.state] ?? []).map(button) : null));
   }
 
+  const heading = ([name, note]) => h("tr", { class: "part" }, h("td", { colspan: COLUMNS.length }, h("strong", null, name), note));
+
+  // The rows of some items, with a heading where a part begins.
+  function lines(from, to) {
+    const begins = (item, at) => at === 0 || partOf(list.items[at - 1]) !== partOf(item);
+    return list.items.slice(from, to).flatMap((item, i) => [...(begins(item, from + i) ? [heading(PARTS[partOf(item)])] : []), row(item)]);
+  }
+
   // The rows that are there stay: only those to come are made.
   function extend() {
-    rows.append(...list.items.slice(wanted, wanted + PAGE).map(row));
+    rows.append(...lines(wanted, wanted + PAGE));
     wanted += PAGE;
     more.hidden = list.items.length <= wanted;
   }
@@ -67,11 +85,13 @@ export function workView(main, _parts, query) {
       list = fresh;
       // What is the same is not drawn anew: somebody may be reading it, or press a button of it.
       const now = JSON.stringify(list.items.map((item) => [item, loops.get(item.id)?.description]));
-      if (now !== drawn) redraw(rows, list.items.slice(0, wanted).map(row), "id");
+      if (now !== drawn) redraw(rows, lines(0, wanted), "id");
       drawn = now;
       more.hidden = list.items.length <= wanted;
       const watched = list.watched ? `; ${list.watched} suspected, not for long enough yet` : "";
-      summary.textContent = `${list.standing ? `${list.standing} to do` : "There is nothing to do"}${watched}.`;
+      const many = (part) => list.items.filter((item) => item.part === part).length, [first, perhaps, unknown] = ["first", "perhaps", "unknown"].map(many);
+      const todo = [first && `${first} to do`, perhaps && `${perhaps} to do perhaps`].filter(Boolean).join(", ") || "There is nothing to do";
+      summary.textContent = `${todo}${unknown ? `; ${unknown} not at rest for an unknown cause` : ""}${watched}.`;
     } catch (error) {
       if (!over) summary.textContent = `the work list cannot be fetched: ${error.message}`;
     }
