@@ -12,7 +12,7 @@ mod moment;
 mod outages;
 mod span;
 
-pub use moment::moment;
+pub use moment::{is_date, moment};
 pub use outages::{AT_LIMIT, LARGEST_VALUE, Limits, are_measured, is_limit, outages, quantile};
 pub use span::{Scale, SpanSource, along_op, figures, span_at_least, span_of_unit, told, trimmed};
 use std::borrow::Cow;

@@ -100,7 +100,10 @@ fn a_folder_that_cannot_be_used_is_refused_in_one_line() {
         assert_eq!(output.status.code(), Some(2), "{name}: {said}");
         assert!(said.contains(why) && said.lines().count() == 1, "{name}: {said}");
     }
-    assert_eq!(benchmark(Path::new("no/such/folder"), &[]).status.code(), Some(2));
+    let output = benchmark(Path::new("no/such/folder"), &[]);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2));
+    assert!(said.contains("in the columns loop, file and label") && said.lines().count() == 1, "{said}");
     let folder = drawn("page", INDEX);
     let index = folder.join("index.csv");
     let output = benchmark(&folder, &["--html", index.to_str().expect("text")]);

@@ -202,7 +202,7 @@ fn a_recorded_day_gives_identical_diagnoses() {
     store.insert(&Batch { series: Vec::new(), rows: vec![other] }).expect("writes");
     drop(store);
     let (code, out, err) = replay(&[&path("store"), "--config", &plant, "--from", "2026-01-01T21:00:00Z"]);
-    assert!(code == Some(1) && err.contains("1 differ: 2 of 3"), "{err}");
+    assert!(code == Some(1) && err.contains("1 differs: 2 of 3"), "{err}");
     assert!(out.contains("DIFFERENT: delta_aic: "), "{out}");
 
     // A time in which no run ended is another reason than a store that does not say what its runs worked on.
@@ -233,8 +233,11 @@ fn what_a_table_does_not_say_is_told_by_the_options_of_tables() {
     let (code, named, err) = replay(&[&long, "--config", &plant]);
     assert_eq!((code, err.as_str()), (Some(0), ""), "{named}");
     let [run, count] = &named.lines().collect::<Vec<_>>()[..] else { panic!("one run: {named}") };
-    assert!(run.contains("  A  stiction  f "), "the run says too little: {run}");
-    assert_eq!(*count, "1 diagnoses; an export has none to compare them with");
+    assert!(
+        run.contains("  A  stiction  f ") && run.contains(" % OP  ΔAIC "),
+        "the run says too little: {run}"
+    );
+    assert_eq!(*count, "1 diagnosis; an export has none to compare it with");
     // Columns that nobody knows, of a loop that is named nowhere.
     let (code, _, err) = replay(&[&wide, "--config", &plant]);
     assert_eq!(code, Some(2), "{err}");
@@ -287,7 +290,8 @@ fn a_bundle_gives_the_same_report_and_what_is_none_is_refused() {
     let path = file("silent.json", &serde_json::to_string(&untold).expect("text"));
     let (code, out, err) = replay(&[&path]);
     assert_eq!((code, err.as_str()), (Some(0), ""), "{out}");
-    assert!(out.contains("A  not_identifiable  f -") && out.contains("1 of 1 diagnoses identical"), "{out}");
+    let why = "A  not_identifiable  silent: no good sample of PV since ";
+    assert!(out.contains(why) && out.contains("1 of 1 diagnoses identical"), "{out}");
 
     let mut moved = bundle.clone();
     moved.samples[1].value[700] = moved.samples[1].value[700].map(|value| value + 1e-9);

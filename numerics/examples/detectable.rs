@@ -1,4 +1,4 @@
-//! What `f_detectable` and the bound of "no friction needed" are worth, on sticking valves of three generators:
+//! What `f_detectable` and the bound of `no_stiction` are worth, on sticking valves of three generators:
 //! `cargo run --release -p stictiond-numerics --example detectable -- --records 100 --first-seed 8800`.
 //!
 //! Where no stiction is told, what is published as `f_detectable` is no less than the upper end of the interval. By that number a
@@ -41,7 +41,7 @@ struct Said {
     detectable: Option<f64>,
 }
 
-/// What `f_detectable` and the bound of "no friction needed" are worth
+/// What `f_detectable` and the bound of `no_stiction` are worth
 #[derive(Parser)]
 struct Args {
     /// Sticking loops of each generator, half of them with an effect that is not declared

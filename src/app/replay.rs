@@ -198,13 +198,17 @@ fn head(t: f64, id: &LoopId) -> String {
     format!("{}  {id}", rfc3339(t).unwrap_or_else(|| t.to_string()))
 }
 
-/// A run in one line.
+/// A run in one line: its f and evidence, or why there is none.
 fn told(run: &Run) -> String {
-    let report = Report::of(run);
     let number = |value: Option<f64>| value.map_or("-".to_string(), |value| format!("{value:.3}"));
-    let (f, evidence) = (report.as_ref().and_then(|r| r.f), report.as_ref().and_then(|r| r.delta_aic));
-    let outcome = run.outcome.as_str();
-    format!("{}  {outcome}  f {}  ΔAIC {}", head(run.finished, &run.id), number(f), number(evidence))
+    let found = match Report::of(run) {
+        None => String::new(),
+        Some(report) if report.reason_code.is_some() => format!("  {}", report.reason),
+        Some(report) => {
+            format!("  f {} {}  ΔAIC {}", number(report.f), report.f_unit, number(report.delta_aic))
+        }
+    };
+    format!("{}  {}{found}", head(run.finished, &run.id), run.outcome.as_str())
 }
 
 /// Diagnoses an export as the daemon's schedule would have; nothing is there to compare with.

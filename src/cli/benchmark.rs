@@ -93,7 +93,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 /// The records that the folder's index.csv names.
 fn index(folder: &Path) -> Result<Vec<Listed>, Failure> {
     let path = folder.join("index.csv");
-    let text = fs::read_to_string(&path).map_err(|error| Failure::in_file(&path, error))?;
+    let text = fs::read_to_string(&path).map_err(|error| {
+        let what = "it is to list the records with their labels, in the columns loop, file and label";
+        Failure::in_file(&path, format!("{error}: {what}"))
+    })?;
     // A spreadsheet writes a mark of UTF-8 before it.
     let mut lines = text.strip_prefix('\u{feff}').unwrap_or(&text).lines();
     let head: Vec<&str> = lines.next().unwrap_or_default().split(',').map(str::trim).collect();

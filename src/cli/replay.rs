@@ -78,7 +78,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 fn conclude(record: &Record, tally: &Tally) -> Result<(), Failure> {
     let Tally { runs, identical, different, incomplete, untold } = tally;
     if matches!(record, Record::Export(..)) {
-        return print(&format!("{runs} diagnoses; an export has none to compare them with\n"));
+        let (diagnoses, them) = if *runs == 1 { ("diagnosis", "it") } else { ("diagnoses", "them") };
+        return print(&format!("{runs} {diagnoses}; an export has none to compare {them} with\n"));
     }
     let mut said = format!("{identical} of {runs} diagnoses identical to the recorded, bit for bit");
     if *incomplete > 0 {
@@ -90,7 +91,10 @@ fn conclude(record: &Record, tally: &Tally) -> Result<(), Failure> {
     match (*different, *runs) {
         (0, 0) => Err(Failure::Failed(format!("nothing could be compared: {said}"))),
         (0, _) => print(&format!("{said}\n")),
-        _ => Err(Failure::Failed(format!("{different} differ: {said}"))),
+        _ => {
+            let differ = if *different == 1 { "differs" } else { "differ" };
+            Err(Failure::Failed(format!("{different} {differ}: {said}")))
+        }
     }
 }
 

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 use stictiond::results::words::{between, percent};
 use stictiond::serve::dto::report::{Report, ReportCurve, ReportOpinion, ReportSays, ReportVerdict};
-use stictiond::signal::{figures, trimmed};
+use stictiond::signal::{figures, is_date, moment, trimmed};
 
 /// Columns of the plot.
 const WIDTH: usize = 60;
@@ -37,24 +37,9 @@ pub fn page(report: &Report) -> String {
             text += &format!("   {} % of OP's range", number(Some(share * 100.0)));
         }
         line("f", text);
-        if let (ReportVerdict::NoStiction, Some([_, high])) = (report.verdict, report.f_ci95) {
-            let high = number(Some(high));
-            line("", format!("no sticking shown; f up to {high} {unit} could be hidden"));
-        }
         if report.f_unit_assumed {
-            let span = match report.op_span {
-                Some(span) => format!("its span is taken for {}", number(Some(span))),
-                None => "its span is not known, say it with --op-span: 100 for per cent, 16 for mA".into(),
-            };
-            line("", format!("unit {unit} judged from OP's values: {span}"));
-            if report.op_span.is_none() {
-                let least = number(report.f_threshold);
-                line(
-                    "",
-                    format!(
-                        "sticking counts from f = {least} {unit} on: what OP covered is taken for its span"
-                    ),
-                );
+            for said in of_unknown_span(report) {
+                line("", said);
             }
         } else if let (Some(span), source @ ("limits" | "unit")) =
             (report.op_span, report.op_span_source.as_str())
@@ -68,7 +53,7 @@ pub fn page(report: &Report) -> String {
             match report.posterior {
                 Some(posterior) => {
                     format!(
-                        "dAIC {evidence} over the best model without friction, probability {}",
+                        "dAIC {evidence} over the best model without friction, probability of friction {}",
                         percent(posterior)
                     )
                 }
@@ -83,11 +68,10 @@ pub fn page(report: &Report) -> String {
         line(
             "window",
             format!(
-                "{} samples of {} s, from {} to {} s, quality {}",
+                "{} samples of {} s, from {}, quality {}",
                 w.n,
                 number(w.ts_s),
-                stamp(w.start),
-                stamp(w.end),
+                stretch(w.start, w.end),
                 w.quality.as_str()
             ),
         );
@@ -96,10 +80,10 @@ pub fn page(report: &Report) -> String {
         line(
             "",
             format!(
-                "{} % missing, worst OP-PV skew {} s, {} duplicates, {} out of order, decimation {}",
+                "{} % missing, worst OP-PV skew {} s, {}, {} out of order, decimation {}",
                 number(p.gap_share.map(|share| share * 100.0)),
                 number(p.worst_skew_s),
-                p.duplicates,
+                many(p.duplicates, "duplicate"),
                 p.out_of_order,
                 p.decimation
             ),
@@ -109,11 +93,11 @@ pub fn page(report: &Report) -> String {
         line("acquisition", note);
     }
     if let Some(denoise) = &report.denoise {
-        let share = number(denoise.noise_share.map(|share| share * 100.0));
         let done = if denoise.applied { "denoised" } else { "not denoised" };
-        line("", format!("{done}, OP noise {share} % of its sd"));
+        line("", format!("{done}, {}", noise_of_op(denoise.noise_share)));
     }
-    if let Some(o) = &report.oscillation {
+    // Where no swing is larger than the noise there are crossings, but no oscillation to speak of.
+    if let Some(o) = report.oscillation.as_ref().filter(|o| o.op_amplitude != Some(0.0)) {
         line(
             "oscillation",
             format!(
@@ -161,14 +145,15 @@ pub fn page(report: &Report) -> String {
             ),
         );
     }
-    if let Some(between) = between(&report.residual.kinds()) {
-        line(if report.residual.effects.is_empty() { "effects" } else { "" }, between);
+    let named = !report.residual.effects.is_empty();
+    if let Some(between) = between(&report.residual.kinds(), named) {
+        line(if named { "" } else { "effects" }, between);
     }
-    if !report.residual.effects.is_empty() {
+    if named {
         let r = &report.residual;
-        // Where neither model tells f there is nothing to compare.
-        let told = r.f_before.is_some() || r.f_after.is_some();
-        let f = told.then(|| format!(", f {} -> {} {unit}", number(r.f_before), number(r.f_after)));
+        // Without a verdict on friction no f is told, so there is nothing to compare.
+        let told = report.f.and(r.f_before);
+        let f = told.map(|before| format!(", f {} -> {} {unit}", number(Some(before)), number(r.f_after)));
         line(
             "",
             format!(
@@ -217,6 +202,11 @@ pub fn page(report: &Report) -> String {
     out
 }
 
+/// So many of these.
+pub fn many(count: usize, of: &str) -> String {
+    format!("{count} {of}{}", if count == 1 { "" } else { "s" })
+}
+
 /// What one method says, in columns: whose, what, its index, why.
 fn one(opinion: &ReportOpinion) -> String {
     let says = match opinion.says {
@@ -243,6 +233,45 @@ fn silent(opinions: &[ReportOpinion]) -> Vec<(&str, Vec<&str>)> {
 /// Four significant digits; `-` when there is no number.
 fn number(value: Option<f64>) -> String {
     value.map_or_else(|| "-".into(), figures)
+}
+
+/// What is known of a unit that OP's values alone show.
+fn of_unknown_span(report: &Report) -> Vec<String> {
+    let unit = &report.f_unit;
+    match report.op_span {
+        Some(span) => {
+            let span = number(Some(span));
+            vec![format!("unit {unit} judged from OP's values: its span is taken for {span}")]
+        }
+        None => {
+            let least = number(report.f_threshold);
+            vec![
+                "OP's values do not tell its span: say it with --op-span, 100 for per cent, 16 for mA".into(),
+                format!("sticking counts from f = {least} {unit} on: what OP covered is taken for its span"),
+            ]
+        }
+    }
+}
+
+/// How noisy OP is. `share`: its noise, judged from one sample to the next, as a share of its standard deviation (-).
+fn noise_of_op(share: Option<f64>) -> String {
+    match share {
+        // Rounding alone.
+        Some(share) if share < 1e-9 => "no noise in OP".into(),
+        Some(share) if share >= 1.0 => "OP moves from sample to sample as noise does".into(),
+        Some(share) => format!("OP noise {} % of its sd", number(Some(share * 100.0))),
+        None => "OP noise not known".into(),
+    }
+}
+
+/// From when to when: dates where the stamps count from the Unix epoch, else the seconds that the record has.
+fn stretch(start: Option<f64>, end: Option<f64>) -> String {
+    match start.zip(end) {
+        Some((start, end)) if is_date(start) && is_date(end) => {
+            format!("{} to {}", moment(start), moment(end))
+        }
+        _ => format!("{} to {} s", stamp(start), stamp(end)),
+    }
 }
 
 /// A time to the millisecond, however many seconds since the epoch it is.
@@ -301,7 +330,11 @@ fn sparkline(curve: &ReportCurve) -> Option<String> {
 mod tests {
     use super::*;
     use stictiond::diagnosis::{Diagnosis, Verdict};
-    use stictiond::serve::dto::report::{ReportCandidate, ReportEffect};
+    use stictiond::serve::dto::report::{ReportCandidate, ReportEffect, ReportOscillation};
+
+    fn bare() -> Report {
+        Report::new("x", None, &Diagnosis::bare(Verdict::NoStiction, "made for a test"))
+    }
 
     #[test]
     fn effects_are_told_with_their_probability_and_what_lies_between_kinds_too() {
@@ -313,7 +346,8 @@ mod tests {
         };
         report.residual.candidates =
             [("gain_change", 0.48), ("load_step", 0.41), ("none", 0.04)].map(candidate).into();
-        let between = between(&report.residual.kinds()).expect("no kind is sure") + "\n";
+        let said = |named| between(&report.residual.kinds(), named).expect("no kind is sure") + "\n";
+        let (between, beside) = (said(false), said(true));
         assert!(
             between.contains("a gain change (48 %)") && between.contains("a load step (41 %)"),
             "{between}"
@@ -328,7 +362,7 @@ mod tests {
             explanation: "period 733 s".into(),
         }];
         let named = "\neffects     oscillating_load, 99 %: period 733 s\n            ";
-        assert!(page(&report).contains(&format!("{named}{between}")), "{}", page(&report));
+        assert!(page(&report).contains(&format!("{named}{beside}")), "{}", page(&report));
         report.residual.candidates = [("none", 0.9), ("load_step", 0.1)].map(candidate).into();
         assert!(!page(&report).contains("the record "));
         assert!(!page(&report).contains("dAIC 31"));
@@ -372,6 +406,83 @@ mod tests {
     }
 
     #[test]
+    fn a_bound_is_told_once_and_a_probability_is_one_of_friction() {
+        let mut report = bare();
+        report.reason =
+            "too little speaks for friction, evidence 2 of 20; f up to 2.642 OP could be hidden".into();
+        (report.f, report.f_ci95, report.posterior) = (Some(0.0), Some([0.0, 2.642]), Some(0.69));
+        let page = page(&report);
+        assert_eq!(page.matches("could be hidden").count(), 1, "{page}");
+        assert!(page.contains("probability of friction 69 %\n"), "{page}");
+    }
+
+    #[test]
+    fn f_is_compared_where_the_verdict_tells_it() {
+        let mut report = bare();
+        let explanation = "39 samples of PV are off".into();
+        report.residual.effects = vec![ReportEffect {
+            kind: "outliers".into(),
+            posterior: Some(1.0),
+            delta_aic: None,
+            tag: None,
+            parameters: Default::default(),
+            explanation,
+        }];
+        (report.residual.f_before, report.residual.f_after) = (Some(1.0), Some(2.0));
+        assert!(!page(&report).contains(", f 1 -> 2"), "{}", page(&report));
+        report.f = Some(2.0);
+        assert!(page(&report).contains(", f 1 -> 2 OP units\n"), "{}", page(&report));
+        report.residual.f_before = None;
+        assert!(!page(&report).contains(", f - "), "{}", page(&report));
+    }
+
+    #[test]
+    fn an_oscillation_without_a_swing_is_none() {
+        let mut report = bare();
+        let swing = |op_amplitude| ReportOscillation {
+            period_s: Some(9085.0),
+            regularity_r: Some(0.7),
+            op_amplitude: Some(op_amplitude),
+        };
+        report.oscillation = Some(swing(0.0));
+        assert!(!page(&report).contains("9085"), "{}", page(&report));
+        report.oscillation = Some(swing(0.1));
+        assert!(page(&report).contains("\noscillation period 9085 s"), "{}", page(&report));
+    }
+
+    #[test]
+    fn a_window_of_the_calendar_is_told_in_dates() {
+        let told = |start, end| stretch(Some(start), Some(end));
+        assert_eq!(
+            told(1_700_000_000.0, 1_700_001_000.0),
+            "2023-11-14 22:13:20 UTC to 2023-11-14 22:30:00 UTC"
+        );
+        assert_eq!(told(370.036, 2368.046), "370.036 to 2368.046 s");
+        assert_eq!(stretch(None, Some(1_700_000_000.25)), "- to 1700000000.25 s");
+    }
+
+    #[test]
+    fn noise_is_told_as_a_share_where_it_is_one() {
+        let told = [Some(0.083), Some(1.0), Some(2.12), Some(8e-16), None].map(noise_of_op);
+        let like_noise = "OP moves from sample to sample as noise does";
+        assert_eq!(
+            told,
+            ["OP noise 8.3 % of its sd", like_noise, like_noise, "no noise in OP", "OP noise not known"]
+        );
+    }
+
+    #[test]
+    fn an_unknown_span_is_asked_for() {
+        let mut report = bare();
+        (report.f, report.f_unit_assumed, report.op_span) = (Some(0.5), true, None);
+        (report.f_threshold, report.f_unit) = (Some(0.001), "OP units".into());
+        let asked = "OP's values do not tell its span: say it with --op-span";
+        let page = page(&report);
+        assert!(page.contains(asked) && page.contains("from f = 0.001 OP units on"), "{page}");
+        assert!(!page.contains("unit OP units"), "{page}");
+    }
+
+    #[test]
     fn numbers_have_four_digits() {
         let cases = [
             (0.0, "0"),
@@ -388,6 +499,7 @@ mod tests {
             assert_eq!(number(Some(value)), text);
         }
         assert_eq!(number(None), "-");
+        assert_eq!([0, 1, 2].map(|count| many(count, "request")), ["0 requests", "1 request", "2 requests"]);
         assert_eq!(stamp(Some(1_700_000_000.25)), "1700000000.25");
     }
 

@@ -40,8 +40,11 @@ pub fn agreement(opinions: &[Opinion], verdict_sticks: Option<bool>, regular: bo
     let counted = || opinions.iter().filter(|o| o.method != Method::StemLoop && o.says != Says::CannotTell);
     let could_tell = counted().count();
     let sticks = counted().filter(|o| o.says == Says::Sticks).count();
-    let mut why = match could_tell {
-        0 => "no method could tell".to_string(),
+    let mut why = match (sticks, could_tell) {
+        (_, 0) => "no method could tell".to_string(),
+        (0, 1) => "the only method that could tell says that the valve does not stick".to_string(),
+        (_, 1) => "the only method that could tell says that the valve sticks".to_string(),
+        (1, _) => format!("1 of {could_tell} that could tell says that the valve sticks"),
         _ => format!("{sticks} of {could_tell} that could tell say that the valve sticks"),
     };
     let Some(verdict) = verdict_sticks else {

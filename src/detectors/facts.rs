@@ -113,7 +113,9 @@ impl<'a> Facts<'a> {
         let Some(found) = self.oscillation else { return Err("OP does not oscillate".into()) };
         let Cycle { period, regularity } = found;
         if regularity <= REGULAR {
-            return Err(format!("OP oscillates irregularly: r {regularity:.2}"));
+            return Err(format!(
+                "OP oscillates irregularly: r is {regularity:.2} at best, and more than {REGULAR} is regular"
+            ));
         }
         if period < SHORTEST_PERIOD {
             return Err(format!("a period is {period:.1} samples, too few to see a shape"));
@@ -229,6 +231,18 @@ mod tests {
         assert!(found.why.starts_with("17 % of the samples are missing"), "{found:?}");
         // The program's own fit of d leaves such rows out.
         assert!(!says(Method::Srinivasan2005D, lost(6)).why.contains("missing"));
+    }
+
+    #[test]
+    fn an_irregular_swing_is_told_beside_what_is_regular() {
+        let wave = |phase: f64| -> Vec<f64> {
+            (0..960).map(|k| (TAU * f64::from(k) / 60.0 + phase).sin()).collect()
+        };
+        let window = Window { ts: 1.0, op: wave(0.0), pv: wave(3.0), ..Window::default() };
+        let mut facts = Facts::new(&window, Some(false)).expect("both move");
+        facts.oscillation = Some(Cycle { period: 60.0, regularity: 0.594 });
+        let said = "OP oscillates irregularly: r is 0.59 at best, and more than 1 is regular";
+        assert_eq!(facts.oscillates(), Err(said.to_string()));
     }
 
     #[test]

@@ -374,6 +374,21 @@ fn agreement_counts_and_doubts() {
 }
 
 #[test]
+fn one_method_is_told_as_one() {
+    let said = |says: &[Says]| {
+        let opinion =
+            |(method, says): (&Method, &Says)| Opinion { says: *says, ..Opinion::cannot_tell(*method, "") };
+        let all: Vec<Opinion> = Method::ALL[1..].iter().zip(says).map(opinion).collect();
+        agreement(&all, None, false).why
+    };
+    assert_eq!(said(&[Says::Sticks]), "the only method that could tell says that the valve sticks");
+    assert_eq!(said(&[Says::Sound]), "the only method that could tell says that the valve does not stick");
+    assert_eq!(said(&[Says::Sound, Says::Sticks]), "1 of 2 that could tell says that the valve sticks");
+    assert_eq!(said(&[Says::Sticks; 2]), "2 of 2 that could tell say that the valve sticks");
+    assert_eq!(said(&[]), "no method could tell");
+}
+
+#[test]
 fn nothing_to_say_is_said_by_all() {
     let flat = Window { ts: 1.0, op: vec![1.0; 500], pv: vec![2.0; 500], ..Window::default() };
     let short = Window { ts: 1.0, op: vec![1.0, 2.0], pv: vec![1.0, 2.0], ..Window::default() };

@@ -3,6 +3,9 @@
 use crate::signal::{Role, figures, moment};
 use std::fmt;
 
+/// Fewest large extrema of OP in the window: those of two periods.
+pub(super) const LEAST_EXTREMA: usize = 4;
+
 /// The reason of the verdict `not_identifiable`.
 #[derive(Clone, Debug, PartialEq)]
 pub enum NotIdentifiable {
@@ -196,13 +199,23 @@ impl fmt::Display for NotIdentifiable {
                  enough at a time",
                 share * 100.0
             ),
-            Self::NotExcited { reversals } => {
-                let times = if *reversals == 1 { "time" } else { "times" };
+            Self::NotExcited { reversals: 0 } => {
                 write!(
                     out,
-                    "not excited: OP reverses {reversals} {times} by more than its noise, but hardly ever by enough for friction to show"
+                    "not excited: OP never reverses by more than its noise, so that friction cannot show"
                 )
             }
+            Self::NotExcited { reversals } if *reversals < LEAST_EXTREMA => {
+                let times = if *reversals == 1 { "once".to_string() } else { format!("{reversals} times") };
+                write!(
+                    out,
+                    "not excited: OP reverses only {times} by more than its noise, too seldom for friction to show"
+                )
+            }
+            Self::NotExcited { reversals } => write!(
+                out,
+                "not excited: OP reverses {reversals} times by more than its noise, but hardly ever by enough for friction to show"
+            ),
             Self::Undersampled { samples, poll_s, mean_s } => {
                 write!(out, "undersampled: {samples:.1} samples per period, ten are needed: ")?;
                 let poll = poll_s.map(|poll_s| format!("poll at least every {} s", rounded_down(poll_s)));
@@ -216,11 +229,16 @@ impl fmt::Display for NotIdentifiable {
                 write!(out, "compensated: a term of write-back acted, and hides the friction that is left")
             }
             Self::HiddenFriction { reversal, friction } => {
-                write!(out, "hidden friction: OP never reverses by more than {reversal}")?;
                 match friction {
-                    Some(s) => write!(out, ": friction up to S = {s} cannot show beside what else moves PV"),
-                    None => write!(out, ", and friction would not show beside what else moves PV"),
+                    Some(s) => write!(
+                        out,
+                        "hidden friction: no friction that was tried, up to S = {s}, would show beside what else moves PV"
+                    )?,
+                    None => {
+                        write!(out, "hidden friction: friction would not show beside what else moves PV")?
+                    }
                 }
+                write!(out, "; OP never reverses by more than {reversal}")
             }
             Self::NoResponse => {
                 write!(out, "no response: other influences on PV hide whether PV follows OP")
@@ -245,4 +263,39 @@ fn rounded_down(seconds: f64) -> f64 {
     // The factor is a whole number, so that two figures stay two.
     let unit = 10_f64.powi(digits.abs());
     if digits >= 0 { (seconds * unit).floor() / unit } else { (seconds / unit).floor() * unit }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn few_reversals_are_too_seldom_and_many_are_too_small() {
+        let said = |reversals| NotIdentifiable::NotExcited { reversals }.to_string();
+        let seldom = |times: &str| {
+            format!(
+                "not excited: OP reverses only {times} by more than its noise, too seldom for friction to show"
+            )
+        };
+        assert_eq!([said(1), said(3)], [seldom("once"), seldom("3 times")]);
+        let small = "but hardly ever by enough for friction to show";
+        assert_eq!(said(4), format!("not excited: OP reverses 4 times by more than its noise, {small}"));
+    }
+
+    #[test]
+    fn what_was_tried_is_told_apart_from_what_op_did() {
+        let said = |friction: Option<&str>| {
+            let friction = friction.map(str::to_string);
+            NotIdentifiable::HiddenFriction { reversal: "11.5 % OP".into(), friction }.to_string()
+        };
+        assert_eq!(
+            said(Some("0.888 % OP")),
+            "hidden friction: no friction that was tried, up to S = 0.888 % OP, would show beside what else moves PV; OP never reverses \
+             by more than 11.5 % OP"
+        );
+        assert_eq!(
+            said(None),
+            "hidden friction: friction would not show beside what else moves PV; OP never reverses by more than 11.5 % OP"
+        );
+    }
 }

@@ -103,7 +103,7 @@ pub struct Estimate {
 /// How well a model predicts PV (PV unit).
 ///
 /// Both errors are of held-out samples, to which no coefficient was fitted: the last 30 % of the window in a diagnosis, whose f,
-/// orders and delay come from the whole window, and the last 20 % of the record in tracing.
+/// orders and delay come from the whole window, and the last 20 % of the record in tracing, where they also reject effects.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Residual {
     /// Whether Ljung–Box does not reject that the residual of all samples that count, fitted ones too, is white.

@@ -10,7 +10,7 @@ use super::evidence::{Evidence, STEADY, interval, weigh};
 use super::friction::{largest_reversal, reversals, srinivasan, stick_slip};
 use super::gate::{self, Gated};
 use super::grid::GRID;
-use super::not_identifiable::NotIdentifiable;
+use super::not_identifiable::{LEAST_EXTREMA, NotIdentifiable};
 use super::preparation::Preparation;
 use super::prepare::prepare;
 use super::region::{self, Region};
@@ -25,8 +25,6 @@ use crate::signal::{Record, Row, Window, along_op, span_at_least, told};
 use crate::sysid::stats::{mean, median, normalised, quantile, range, sd};
 use crate::sysid::valve::model_error::with_model_error;
 
-/// Fewest large extrema of OP in the window: those of two periods.
-const LEAST_EXTREMA: usize = 4;
 /// Fewest samples that must count after the start of the friction element: fifteen for each of eight coefficients.
 const LEAST_ROWS: usize = 120;
 /// Loss, as a share of the variance of PV, below which PV is explained fully: without noise it is, with OP or without.
@@ -93,6 +91,18 @@ pub fn not_told(evidence: f64, [f, low]: [f64; 2], span: Option<f64>) -> String 
         false => "f may be 0".to_string(),
     };
     format!("friction predicts PV better, evidence {evidence:.0}, but {but}")
+}
+
+/// The reason of `no_stiction` where the evidence for friction is too small.
+///
+/// * `evidence`: `delta_aic` (-); below 0 it is 0.
+/// * `least`: the threshold of the evidence (-).
+pub fn too_little(evidence: f64, least: f64) -> String {
+    // Rounded down, because 19.7 is not 20 of the 20 that are needed.
+    match evidence.max(0.0).floor() {
+        0.0 => "nothing speaks for friction, evidence 0".to_string(),
+        some => format!("too little speaks for friction, evidence {some:.0} of {least:.0}"),
+    }
 }
 
 /// Fewest samples that a record needs for a fit with this longest delay (samples), where its first sample is an extremum of OP.
@@ -432,7 +442,7 @@ fn explain(
     // The published evidence: below 0 it is 0.
     let evidence = format!("evidence {:.0}", e.delta_aic);
     if *verdict == Verdict::Stiction {
-        let (per, unit) = span.map_or((1.0, ""), |span| (100.0 / span, " % OP"));
+        let (per, unit) = span.map_or((1.0, " OP"), |span| (100.0 / span, " % OP"));
         let [f, low, high] = [e.f, e.f_ci95[0], e.f_ci95[1]].map(|f| told(f * per));
         return format!(
             "f = {f}{unit} [{low}, {high}], {evidence}; next best explanation: {}",
@@ -447,7 +457,7 @@ fn explain(
     } else if is_enough {
         not_told(e.delta_aic, [f, low], span)
     } else {
-        format!("no friction needed, {evidence}")
+        too_little(e.delta_aic, least)
     };
     why + &bound
 }

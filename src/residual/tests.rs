@@ -22,7 +22,7 @@ use rand_distr::{Distribution, StandardNormal};
 use std::f64::consts::TAU;
 
 /// The paper's level loop whose valve sticks, of so many samples, so long apart (s).
-fn sticking(n: usize, ts: f64) -> Record {
+pub(super) fn sticking(n: usize, ts: f64) -> Record {
     let friction = crate::sim::Friction::Choudhury { s: 5.0, j: 1.5, resolution: 0.005 };
     let spec = LoopSpec { sensor: SensorSpec::noisy(0.02), ..table2_loop(true, friction) };
     let run = simulate(&spec, 1000 + n, 1).expect("can be simulated").after(1000);
@@ -127,7 +127,10 @@ fn friction_that_is_not_believed_bounds_nothing_by_its_own_interval() {
     let detectable = 0.5 * hidden / data.units.u;
     let published = answer.bound(&data, Some(detectable)).expect("it is known");
     assert_eq!((published, answer.friction.f_ci95[1]), (hidden, hidden));
-    assert_eq!(answer.reason, format!("no friction needed, evidence 10{}", could_be_hidden(hidden, None)));
+    assert_eq!(
+        answer.reason,
+        format!("too little speaks for friction, evidence 10 of 20{}", could_be_hidden(hidden, None))
+    );
 }
 
 #[test]
@@ -171,7 +174,10 @@ fn declared(f_high: f64) -> Diagnosis {
     Diagnosis {
         preparation: Preparation { history: Some(Box::new(history)), ..Preparation::default() },
         estimate: Some(estimate),
-        ..Diagnosis::bare(Verdict::NoStiction, format!("no friction needed, evidence 3{bound}"))
+        ..Diagnosis::bare(
+            Verdict::NoStiction,
+            format!("too little speaks for friction, evidence 3 of 20{bound}"),
+        )
     }
 }
 
@@ -192,7 +198,7 @@ fn a_diagnosis_that_stands_is_said_with_the_bound_that_is_published() {
         assert_eq!(answer.bound(&data, Some(detectable)), Some(high));
         assert_eq!(answer.friction.f_ci95, [0.0, high]);
         let bound = could_be_hidden(high, Some(100.0));
-        assert_eq!(answer.reason, format!("no friction needed, evidence 3{bound}"));
+        assert_eq!(answer.reason, format!("too little speaks for friction, evidence 3 of 20{bound}"));
     }
 }
 
@@ -207,13 +213,14 @@ fn the_largest_reversal_is_told_whichever_way_it_goes() {
     assert_eq!(answer.verdict, Verdict::NotIdentifiable(hidden));
     assert_eq!(
         answer.reason,
-        "hidden friction: OP never reverses by more than 10.000 % OP: friction up to S = 3.000 % OP cannot show beside what else \
-         moves PV"
+        "hidden friction: no friction that was tried, up to S = 3.000 % OP, would show beside what else moves PV; OP never reverses by \
+         more than 10.000 % OP"
     );
     // Of a bound beyond every valve that was tried only these are spoken of, and of none nothing is said.
-    for (f_max, said) in
-        [(1.5, ": friction up to S = 3.000 % OP cannot show"), (0.0, ", and friction would not show")]
-    {
+    for (f_max, said) in [
+        (1.5, "no friction that was tried, up to S = 3.000 % OP, would show"),
+        (0.0, ": friction would not show"),
+    ] {
         let data = IdData { f_max, ..data.clone() };
         let mut answer = standing(&data, &declared(f64::INFINITY));
         assert_eq!(answer.bound(&data, None), None);

@@ -10,7 +10,7 @@ use super::interval::interval;
 use super::posterior::probability;
 use super::response::pv_follows_stem;
 use super::settings::Settings;
-use crate::diagnosis::verdict::{bare_reason, could_be_hidden, not_told};
+use crate::diagnosis::verdict::{bare_reason, could_be_hidden, not_told, too_little};
 use crate::diagnosis::{Diagnosis, NotIdentifiable, Verdict};
 use crate::signal::told;
 use crate::sysid::iddata::IdData;
@@ -127,14 +127,14 @@ impl Question<'_> {
         let span = self.settings.op_span;
         match verdict {
             Verdict::Stiction => {
-                let (per, unit) = span.map_or((1.0, ""), |span| (100.0 / span, " % OP"));
+                let (per, unit) = span.map_or((1.0, " OP"), |span| (100.0 / span, " % OP"));
                 let [f, low, high] = [f, within[0], within[1]].map(|f| told(per * f));
                 format!("f = {f}{unit} [{low}, {high}], evidence {evidence:.0}")
             }
             Verdict::NoStiction if evidence > self.settings.evidence_threshold => {
                 not_told(evidence, [f, within[0]], span)
             }
-            Verdict::NoStiction => format!("no friction needed, evidence {:.0}", evidence.max(0.0)),
+            Verdict::NoStiction => too_little(evidence, self.settings.evidence_threshold),
             Verdict::NotIdentifiable(why) => why.to_string(),
         }
     }

@@ -49,7 +49,9 @@ impl Effect {
 
 /// Between which kinds a record lies: where neither `none` nor any other of them has more than half. In one clause. `none` is
 /// no effect beside those that are named already, so it is not told as no effect at all.
-pub fn between(candidates: &[(&str, f64)]) -> Option<String> {
+///
+/// * `named`: whether effects are named already. A candidate may be of their kind, so the clause says that it comes beside them.
+pub fn between(candidates: &[(&str, f64)], named: bool) -> Option<String> {
     if candidates.is_empty() || candidates.iter().any(|(_, posterior)| *posterior > 0.5) {
         return None;
     }
@@ -68,16 +70,17 @@ pub fn between(candidates: &[(&str, f64)]) -> Option<String> {
     let (none, kinds): (Vec<_>, Vec<_>) = kinds.into_iter().partition(|(kind, _)| *kind == "none");
     let kinds: Vec<String> = kinds.iter().map(told).collect();
     let none = none.first().map(|(_, posterior)| percent(*posterior));
+    let record = if named { "beside the effects named, the record" } else { "the record" };
     match (&kinds[..], none) {
         ([], _) => None,
-        ([one], None) => Some(format!("the record may show {one}")),
-        ([one], Some(none)) => Some(format!("the record cannot tell {one} from none ({none})")),
-        ([one, other], None) => Some(format!("the record cannot tell {one} from {other}")),
+        ([one], None) => Some(format!("{record} may show {one}")),
+        ([one], Some(none)) => Some(format!("{record} cannot tell {one} from none ({none})")),
+        ([one, other], None) => Some(format!("{record} cannot tell {one} from {other}")),
         (all, Some(none)) => {
-            Some(format!("the record cannot tell {} and none of them ({none}) apart", all.join(", ")))
+            Some(format!("{record} cannot tell {} and none of them ({none}) apart", all.join(", ")))
         }
         ([others @ .., last], None) => {
-            Some(format!("the record cannot tell {} and {last} apart", others.join(", ")))
+            Some(format!("{record} cannot tell {} and {last} apart", others.join(", ")))
         }
     }
 }
@@ -114,9 +117,12 @@ pub fn doubtful(sticks: bool, by: Doubt) -> String {
                 "The measured stem says that {otherwise}. Check the stem's signal, and look at the valve."
             )
         }
-        Doubt::Methods { against, of } => format!(
-            "{against} of the {of} other methods that gave a result say that {otherwise}. Look at the loop before you rely on the verdict."
-        ),
+        Doubt::Methods { against, of } => {
+            let who = if against == of { format!("All {of}") } else { format!("{against} of the {of}") };
+            format!(
+                "{who} other methods that gave a result say that {otherwise}. Look at the loop before you rely on the verdict."
+            )
+        }
     }
 }
 

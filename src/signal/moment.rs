@@ -3,8 +3,7 @@
 /// A time `t` (s) as text: a date and time in UTC where stamps count from the Unix epoch, as in the daemon; otherwise seconds, as in
 /// the record.
 pub fn moment(t: f64) -> String {
-    // A record that counts from its own beginning is shorter than three years, and stamps of the Unix epoch end before the year 5000.
-    if !(1e8..1e11).contains(&t) {
+    if !is_date(t) {
         return format!("{t:.1} s");
     }
     let seconds = t.round() as i64;
@@ -12,6 +11,12 @@ pub fn moment(t: f64) -> String {
     let of_day = seconds.rem_euclid(86_400);
     let (hour, minute, second) = (of_day / 3600, of_day / 60 % 60, of_day % 60);
     format!("{year:04}-{month:02}-{day:02} {hour:02}:{minute:02}:{second:02} UTC")
+}
+
+/// Whether a stamp (s) counts from the Unix epoch. A record that counts from its own beginning is shorter than three years, and
+/// stamps of the Unix epoch end before the year 5000.
+pub fn is_date(t: f64) -> bool {
+    (1e8..1e11).contains(&t)
 }
 
 /// Year, month and day of a number of days after 1970-01-01, by the Gregorian calendar. Years begin in March, so that the leap day is

@@ -2,7 +2,7 @@
 
 use super::blanks::Blanks;
 use super::channel::Channel;
-use super::error::{listed, shown};
+use super::error::{listed, many, shown};
 use super::layout::Body;
 use super::source::Kind;
 use super::survey::Plan;
@@ -119,10 +119,10 @@ fn remarks(plan: &Plan, counted: &Counted) -> Vec<String> {
     let mut out = Vec::new();
     let [all, manual, unknown] = counted.modes;
     if manual > 0 {
-        out.push(format!("{manual} of {all} rows not in automatic"));
+        out.push(format!("{manual} of {} not in automatic", many(all, "row")));
     }
     if unknown > 0 {
-        out.push(format!("{unknown} rows of an unknown mode (--auto-values)"));
+        out.push(format!("{} of an unknown mode (--auto-values)", many(unknown, "row")));
     }
     if counted.not_good > 0 {
         let name = |at: usize| match &plan.layout.names[at] {
@@ -134,17 +134,17 @@ fn remarks(plan: &Plan, counted: &Counted) -> Vec<String> {
         let behind = plan.channels.iter().filter(|own| own.has_qualities(plan.letters));
         let behind = behind.map(|own| format!("the words behind {}", own.tag.name));
         let names: Vec<String> = columns.chain(tags).chain(behind).take(NAMED).collect();
-        out.push(format!("{} samples not good by {}", counted.not_good, names.join(", ")));
+        out.push(format!("{} not good by {}", many(counted.not_good, "sample"), names.join(", ")));
     }
     if counted.no_number > 0 {
-        out.push(format!("{} samples without a number", counted.no_number));
+        out.push(format!("{} without a number", many(counted.no_number, "sample")));
     }
     let (lines, n) = &counted.left_out;
     if *n > 0 {
         let named: Vec<String> = lines.iter().map(u64::to_string).collect();
         let more = if *n > lines.len() as u64 { ", …" } else { "" };
-        let (rows, line) = if *n == 1 { ("row", "line") } else { ("rows", "lines") };
-        out.push(format!("{n} {rows} left out: {line} {}{more}", named.join(", ")));
+        let line = if *n == 1 { "line" } else { "lines" };
+        out.push(format!("{} left out: {line} {}{more}", many(*n, "row"), named.join(", ")));
     }
     out
 }

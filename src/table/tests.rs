@@ -219,7 +219,7 @@ fn values_have_units_and_qualities() {
     let good: Vec<bool> = table.record.pv.iter().map(|s| s.quality.is_good()).collect();
     assert_eq!(good, [true, false, true]);
     assert!(table.found.read_as.contains("op from \"OP %\" [%]"), "{}", table.found.read_as);
-    assert!(table.found.read_as.contains("1 samples not good by pv_status"), "{}", table.found.read_as);
+    assert!(table.found.read_as.contains("1 sample not good by pv_status"), "{}", table.found.read_as);
     let mixed = "t;op;pv\n0;1.5;0.9 bar\n1;1.6;90 kPa\n2;1.7;91 kPa\n";
     assert!(refusal(mixed).contains("a number in \"bar\" among numbers in \"kPa\""), "{}", refusal(mixed));
 }

@@ -1,6 +1,6 @@
 //! Columns of words, and what those of the controller's mode mean: decided from the whole column.
 
-use super::error::{TableError, shown};
+use super::error::{TableError, many, shown};
 use super::number;
 use super::source::{Cell, NOTHING};
 
@@ -144,7 +144,7 @@ impl Words {
     pub(super) fn listed(&self) -> String {
         let mut counts: Vec<_> = self.counts.iter().collect();
         counts.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
-        let one = |(word, count): &&(String, u64)| format!("{:?} ({count} rows)", shown(word));
+        let one = |(word, count): &&(String, u64)| format!("{:?} ({})", shown(word), many(*count, "row"));
         let mut out: Vec<String> = counts.iter().take(NAMED).map(one).collect();
         if counts.len() > NAMED || self.more {
             out.push("…".into());
@@ -483,7 +483,7 @@ mod tests {
         };
         assert_eq!(
             said(&["16", "8", "16"], MOVES),
-            "column mode: the mode is \"16\" (2 rows), \"8\" (1 rows); say which of them are automatic with --auto-values"
+            "column mode: the mode is \"16\" (2 rows), \"8\" (1 row); say which of them are automatic with --auto-values"
         );
         assert!(said(&["16", "16"], Moving::default()).contains("--auto-values"));
         assert!(said(&["1", "2"], MOVES).contains("--auto-values"), "1 is manual for some");

@@ -328,5 +328,5 @@ fn dates_as_text_beside_times_of_day_and_nan_for_nothing_are_read() {
     assert_eq!(record.pv.iter().map(|s| s.quality.is_good()).collect::<Vec<_>>(), [true, true, false]);
     let mode = record.mode.as_ref().expect("there is one");
     assert_eq!(points(mode), [(begin, 1.0), (begin + 6.0, 0.0)]);
-    assert!(record.sp.is_none() && found.found.read_as.contains("1 samples without a number"));
+    assert!(record.sp.is_none() && found.found.read_as.contains("1 sample without a number"));
 }

@@ -95,7 +95,12 @@ fn a_no_beside_much_evidence_says_what_it_is_that_friction_lacks() {
     }
     let as_well = "an oscillating load explains the record about as well as friction, evidence 10";
     assert_eq!(said(10.0, load, 2.0, 0.0), format!("{as_well}{bound}"));
-    assert_eq!(said(10.0, Rival::Linear, 2.0, 0.0), format!("no friction needed, evidence 10{bound}"));
+    assert_eq!(
+        said(10.0, Rival::Linear, 2.0, 0.0),
+        format!("too little speaks for friction, evidence 10 of 20{bound}")
+    );
+    assert_eq!(too_little(19.7, 20.0), "too little speaks for friction, evidence 19 of 20");
+    assert_eq!(too_little(-3.0, 20.0), "nothing speaks for friction, evidence 0");
     let never = explain(&Verdict::NoStiction, &estimate(0.0, Rival::Linear, 0.0), None, 20.0, None);
     assert_eq!(
         never,
@@ -104,10 +109,26 @@ fn a_no_beside_much_evidence_says_what_it_is_that_friction_lacks() {
 }
 
 #[test]
+fn f_is_told_with_its_unit_whether_the_span_is_known_or_not() {
+    let said = |span| {
+        let evidence = Evidence { delta_aic: 60.0, rival: Rival::Linear, steadiness: 2.0 };
+        let tried = Some(Tried { evidence: &evidence, f: 1.0, low: 0.5 });
+        let own = Estimate { f: 1.0, f_ci95: [0.5, 1.2], ..estimate(60.0, Rival::Linear, 2.0) };
+        explain(&Verdict::Stiction, &own, tried, 20.0, span)
+    };
+    for (span, f) in [
+        (Some(200.0), "f = 0.500 % OP [0.250, 0.600], evidence 60"),
+        (None, "f = 1.000 OP [0.500, 1.200], evidence 60"),
+    ] {
+        assert!(said(span).starts_with(f), "{}", said(span));
+    }
+}
+
+#[test]
 fn a_reason_is_known_without_what_it_ends_with() {
     let history = HistoryFound { kind: HistoryKind::Held, role: Role::Pv, evidence: [1.0, 5.0] };
     let preparation = Preparation { history: Some(Box::new(history)), ..Preparation::default() };
-    let reason = "no friction needed, evidence 3; f up to 1.200 % OP could be hidden";
+    let reason = "too little speaks for friction, evidence 3 of 20; f up to 1.200 % OP could be hidden";
     let own = Diagnosis {
         preparation,
         estimate: Some(estimate(3.0, Rival::Linear, 2.0)),
@@ -119,7 +140,7 @@ fn a_reason_is_known_without_what_it_ends_with() {
         format!("{reason}; the data is not raw (held): f reads low, and sticking may go unseen")
     );
     for found in [&own, &told] {
-        assert_eq!(bare_reason(found, Some(100.0)), "no friction needed, evidence 3");
+        assert_eq!(bare_reason(found, Some(100.0)), "too little speaks for friction, evidence 3 of 20");
     }
     let other = Diagnosis::bare(Verdict::NoStiction, "made for a test");
     assert_eq!(bare_reason(&other, None), "made for a test");

@@ -79,6 +79,7 @@ fn all() -> String {
     for sticks in [true, false] {
         line(&doubtful(sticks, Doubt::Stem));
         line(&doubtful(sticks, Doubt::Methods { against: 7, of: 8 }));
+        line(&doubtful(sticks, Doubt::Methods { against: 5, of: 5 }));
     }
     line("\nEffects, when they are as good as sure");
     for (kind, place, effect) in EFFECTS {
@@ -96,7 +97,7 @@ fn all() -> String {
     line(&format!("not known: {meaning} {advice}"));
     line("\nBetween which kinds a record lies");
     for kind in Kind::ALL {
-        let said = between(&[(kind.as_str(), 0.48), ("none", 0.41)]).expect("none has more than half");
+        let said = between(&[(kind.as_str(), 0.48), ("none", 0.41)], false).expect("none has more than half");
         line(&sentence(&said));
     }
     for told in [
@@ -105,7 +106,9 @@ fn all() -> String {
         &[("gain_change", 0.41), ("drift", 0.3), ("load_step", 0.2)],
         &[("gain_change", 0.48)],
     ] {
-        line(&sentence(&between(told).expect("none has more than half")));
+        for named in [false, true] {
+            line(&sentence(&between(told, named).expect("none has more than half")));
+        }
     }
     line("\nThe rest");
     line(SIMULATES_WORSE);
@@ -201,7 +204,7 @@ fn sentences_are_short_and_whole() {
 
 #[test]
 fn a_record_lies_between_kinds_where_none_has_more_than_half() {
-    let said = |candidates: &[(&str, f64)]| between(candidates).unwrap_or_default();
+    let said = |candidates: &[(&str, f64)]| between(candidates, false).unwrap_or_default();
     let two = [("gain_change", 0.48), ("load_step", 0.41), ("drift", 0.04)];
     assert_eq!(said(&two), "the record cannot tell a gain change (48 %) from a load step (41 %)");
     let three = [("gain_change", 0.4), ("none", 0.35), ("load_step", 0.2)];

@@ -106,7 +106,7 @@ impl EffectModel for Step {
             Place::Input => self.size * data.units.u,
         };
         let (at, worth) = (moment(time), data.units.along_op(size));
-        Described::new(format!("the load changes at {at} and stays changed, with the effect of {worth}"))
+        Described::new(format!("the load changes at {at} and stays changed, as if OP had moved by {worth}"))
             .with("time_s", time, "s")
             .with("size_op", size, "OP")
     }

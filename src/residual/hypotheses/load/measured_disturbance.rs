@@ -82,7 +82,7 @@ impl EffectModel for Tag {
         let (op, pv) = (total * in_op(data, model), total * in_pv(data, model));
         let delay = self.lag as f64 * data.units.ts;
         Described::new(format!(
-            "{} drives PV {} s later: one standard deviation of it has the effect of {}",
+            "{} drives PV {} s later: one standard deviation of it acts as if OP had moved by {}",
             self.name,
             figures(delay),
             data.units.along_op(op)

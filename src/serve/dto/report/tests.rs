@@ -285,7 +285,7 @@ fn opinions_are_told_in_the_unit_of_f_and_what_has_no_number_is_null() {
     assert_eq!(
         report.doubt().as_deref(),
         Some(
-            "5 of the 5 other methods that gave a result say that the valve does not stick. Look at the loop before you rely on the verdict."
+            "All 5 other methods that gave a result say that the valve does not stick. Look at the loop before you rely on the verdict."
         )
     );
 }

@@ -23,6 +23,14 @@ function bullet({ index, threshold }) {
     s("path", { class: "at", d: `M${at} 2V${HIGH - 2}` }));
 }
 
+// How many methods say that the valve sticks, and how many of them agree with a verdict where there is one.
+function said({ sticks, could_tell: told, agree }, verdict) {
+  if (told === 0) return "No method could tell.";
+  if (told === 1) return `The only method that could tell says that the valve ${sticks ? "sticks" : "does not stick"}.`;
+  const agrees = verdict ? `, ${agree} agree${agree === 1 ? "s" : ""} with the verdict.` : ".";
+  return `${sticks} of ${told} methods that could tell say${sticks === 1 ? "s" : ""} that the valve sticks${agrees}`;
+}
+
 const range = (axis) => {
   const air = 0.03 * (axis.to - axis.from);
   return [axis.from - air, axis.to + air];
@@ -88,7 +96,7 @@ export function opinionsPanel(id, box) {
       if (!report?.opinions?.length) return false;
       const focused = box.contains(document.activeElement) ? document.activeElement.closest("details")?.dataset.method : null;
       const { agreement } = report;
-      const line = !agreement ? "" : agreement.could_tell === 0 ? "No method could tell." : `${agreement.sticks} of ${agreement.could_tell} methods that could tell say that the valve sticks${report.verdict === "not_identifiable" ? "." : `, ${agreement.agree} agree with the verdict.`}`;
+      const line = !agreement ? "" : said(agreement, report.verdict !== "not_identifiable");
       box.replaceChildren(h("p", { class: report.doubtful ? "agreement doubtful" : "agreement" }, report.doubtful ? h("strong", null, "Doubtful. ") : "", line, report.doubtful && notes?.length ? ` ${notes.at(-1)}` : ""),
         h("ol", { class: "opinions" }, report.opinions.map(row)));
       if (focused) box.querySelector(`details[data-method="${CSS.escape(focused)}"] summary`)?.focus();
