@@ -350,7 +350,7 @@ impl Persistence {
     /// `now` (s) is of before a clock was set back, and no measure for what comes.
     fn follow(&self, history: &History, now: f64) {
         let is_damaged = self.is_damaged();
-        let set_backs = lock(&self.shared.set_backs).by(now);
+        let set_backs = lock(&self.shared.set_backs).look(self.clock.now());
         let mut taps = lock(&self.shared.taps);
         let old = std::mem::take(&mut *taps);
         // Those that are filled come first.

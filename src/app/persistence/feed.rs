@@ -65,6 +65,8 @@ pub(super) struct StoreFeed {
     back: Back,
     /// How often the clock was set back and no era was begun for it yet.
     owed: u32,
+    /// How often it was set back, as far as eras were begun or are owed for it.
+    seen: u32,
 }
 
 /// Where a clock that was set back has taken us.
@@ -89,7 +91,7 @@ impl StoreFeed {
         let last = |tap: &Arc<Tap>| f64::from_bits(tap.last.load(Relaxed));
         let newest = lock(&shared.taps).iter().map(last).fold(f64::NEG_INFINITY, f64::max);
         let told = clock().max(newest - AHEAD_S);
-        lock(&shared.set_backs).begin(told);
+        let seen = lock(&shared.set_backs).begin(told);
         Self {
             shared,
             told,
@@ -107,6 +109,7 @@ impl StoreFeed {
             full: false,
             back: Back::No,
             owed: 0,
+            seen,
         }
     }
 
@@ -167,8 +170,10 @@ impl Feed for StoreFeed {
         }
         self.bound();
         let now = (self.clock)();
-        if lock(&self.shared.set_backs).look(now) {
-            self.owed = self.owed.saturating_add(1);
+        let count = lock(&self.shared.set_backs).look(now);
+        if count > self.seen {
+            self.owed = self.owed.saturating_add(count - self.seen);
+            self.seen = count;
             if self.back == Back::No {
                 self.back = Back::Before;
             }
@@ -229,7 +234,7 @@ impl Feed for StoreFeed {
         let taps = lock(&self.shared.taps).clone();
         self.first = if taps.is_empty() { 0 } else { self.first % taps.len() };
         let mut room = MAX_SAMPLES;
-        let begun = lock(&self.shared.set_backs).count().saturating_sub(self.owed);
+        let begun = self.seen.saturating_sub(self.owed);
         for tap in taps[self.first..].iter().chain(&taps[..self.first]) {
             if room == 0 {
                 self.full = true;

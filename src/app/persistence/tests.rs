@@ -77,6 +77,25 @@ fn a_new_ring_that_holds_what_is_of_before_a_set_back_measures_nothing() {
     }
 }
 
+/// While an era is owed a reload measures by no time of now, but the clock may have been set back once more.
+#[test]
+fn a_new_ring_begins_behind_a_set_back_whatever_it_is_measured_by() {
+    let config = parse("plant.toml", PLANT).expect("sound");
+    let wired = config.plant().expect("sound");
+    let history = || History::new(&wired.loops, &config.history);
+    let results = Results::new(&[], 1, &config.alarm);
+    let none = history();
+    let persistence =
+        Persistence::new(&config, Clock::by_hand(8000.0), store::Driven::default(), (&none, &results));
+    for (told, set_backs) in [(7999.0, 0), (9000.0, 1)] {
+        lock(&persistence.shared.set_backs).begin(told);
+        lock(&persistence.shared.taps).clear();
+        persistence.follow(&history(), f64::INFINITY);
+        let found: Vec<u32> = lock(&persistence.shared.taps).iter().map(|tap| tap.set_backs).collect();
+        assert!(!found.is_empty() && found.iter().all(|own| *own == set_backs), "{told}: {found:?}");
+    }
+}
+
 /// A folder of its own, gone with the test.
 struct Folder(PathBuf);
 

@@ -144,7 +144,7 @@ fn a_ring_that_begins_behind_a_set_back_waits_for_its_era() {
     // That was not written. The clock is set back, and no round has looked at it yet.
     *lock(&world.now) = 501.0;
     {
-        let set_backs = lock(&world.shared.set_backs).by(501.0);
+        let set_backs = lock(&world.shared.set_backs).look(501.0);
         let mut taps = lock(&world.shared.taps);
         let Tap { tag, ring, .. } = &*taps[1];
         taps[1] = Arc::new(Tap {
