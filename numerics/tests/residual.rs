@@ -12,12 +12,15 @@ mod generators;
 #[path = "../examples/tracing_rates/judge.rs"]
 #[allow(dead_code, reason = "each user takes a part")]
 mod judge;
+#[path = "../examples/held_out_optimism/optimism.rs"]
+mod optimism;
 #[path = "common/parallel.rs"]
 mod parallel;
 
 use bounds::{fewest, most};
 use generators::{Case, GENERATORS, Generator, Size};
 use judge::{Judged, Naming, judge};
+use optimism::{Errors, mean_with_interval};
 use stictiond_numerics::residual::Kind;
 
 /// No seed that constants were chosen by.
@@ -178,4 +181,31 @@ fn a_load_is_told_in_units_of_op_and_found_by_a_fit_that_is_told_of_it() {
     }
     println!("found when told: {found} of {asked}");
     assert!(found >= fewest(FOUND_WHEN_TOLD, asked), "{found} of {asked}");
+}
+
+#[test]
+fn optimism_is_what_the_model_with_the_effects_loses_beyond_the_declared_one() {
+    let near = |found: f64, wanted: f64| assert!((found - wanted).abs() < 1e-12, "{found} {wanted}");
+    // Both lose a tenth on the continuation, and the model with the effects a fifth more.
+    let errors = Errors { held_out: [2.0, 1.0], continued: [2.2, 1.32] };
+    near(errors.grown()[0], 1.1f64.ln());
+    near(errors.grown()[1], 1.32f64.ln());
+    near(errors.gains()[0], 0.5f64.ln());
+    near(errors.gains()[1], 0.6f64.ln());
+    near(errors.optimism(), 1.2f64.ln());
+    assert!(errors.are_positive());
+    for wrong in [0.0, f64::NAN, f64::INFINITY] {
+        assert!(!Errors { continued: [wrong, 1.0], ..errors }.are_positive());
+        assert!(!Errors { held_out: [1.0, wrong], ..errors }.are_positive());
+    }
+}
+
+#[test]
+fn a_bootstrap_interval_is_that_of_the_mean() {
+    assert_eq!(mean_with_interval(&[]), None);
+    assert_eq!(mean_with_interval(&[0.25; 8]), Some((0.25, [0.25; 2])));
+    // Of 400 values, half 0 and half 1: the standard error of the mean is 0.025.
+    let values: Vec<f64> = (0..400).map(|k| f64::from(k % 2)).collect();
+    let (mean, [low, high]) = mean_with_interval(&values).expect("of 400");
+    assert!(mean == 0.5 && (low - 0.451).abs() < 0.005 && (high - 0.549).abs() < 0.005, "{low} {high}");
 }

@@ -93,7 +93,7 @@ pub fn confirm_gated(
         return None;
     }
     let likeliest = outcome.best.clone();
-    let mut findings = report(outcome, &bare, &settings);
+    let mut findings = report(outcome, &bare, &settings).findings;
     let as_before = match last.valve {
         Some(last) => {
             findings.verdict == Verdict::Stiction && f_is_unchanged(&last, &findings.friction_after)

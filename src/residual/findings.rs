@@ -360,7 +360,8 @@ pub struct Findings {
     pub candidates: Vec<(Option<Kind>, f64)>,
     /// The declared model on the held-out samples; its f is that of the diagnosis, which has seen the whole window.
     pub before: Residual,
-    /// The model with the effects on the same samples.
+    /// The model with the effects on the same samples. They also rejected effects, so that its errors may be too small
+    /// ([`super::trace_continued`] measures them on samples that chose nothing).
     pub after: Residual,
     /// Whether the free run of the model with the effects is worse than that of the declared model.
     pub simulates_worse: bool,

@@ -1,10 +1,13 @@
-//! Validation on the held-out samples: the last fifth of the window, to which nothing was fitted.
+//! Validation on the held-out samples: the last fifth of the window, to which no coefficient was fitted.
 //!
 //! ```text
 //! z = sum d_k / sqrt(sum d_k^2),   d_k = ln p(y[k] | with) - ln p(y[k] | without)      over the held-out samples k
 //! ```
 //!
 //! The held-out samples are the latest ones: a change that lasts must still be there, and a load that goes on must go on.
+//!
+//! They also reject effects ([`super::rejection`]) and can keep the verdict of the diagnosis ([`super::report`]). So the errors on
+//! them are those of a model that they helped to choose. [`super::continuation`] has the errors on samples that chose nothing.
 
 use super::fit::{Fitted, fit_anew};
 use super::hypothesis::OnData;
@@ -14,6 +17,7 @@ use crate::sysid::iddata::IdData;
 use crate::sysid::simulate::simulate;
 use crate::sysid::student;
 use crate::sysid::whiteness::is_white;
+use std::ops::Range;
 
 /// Free runs into which the held-out samples are cut: over one run, one slow error would decide for an integrating process.
 const STRETCHES: usize = 4;
@@ -35,9 +39,7 @@ pub struct Validation {
 
 /// Validates a model on the held-out samples. Only the samples that count in the record `counted` count in the errors.
 pub fn validate(data: &IdData, fitted: &Fitted, counted: &IdData) -> Validation {
-    let input = OnData::new(&fitted.hypothesis, data);
-    let signals = input.signals(&fitted.model.theta);
-    let Errors { e, gains, .. } = fitted.model.errors(data, &data.y, &signals, data.len());
+    let Errors { e, gains, .. } = errors(data, fitted);
     let held = data.split..data.len();
     let stretch = held.len().div_ceil(STRETCHES).max(1);
     // Without missing samples there are no gains: the likeliest value of an error is the error, and its standard deviation is 1.
@@ -45,11 +47,7 @@ pub fn validate(data: &IdData, fitted: &Fitted, counted: &IdData) -> Validation 
     let free = free_run(data, fitted, past, data.split, stretch);
     let root = |k: usize| gains.root.get(k).copied().unwrap_or(1.0);
     let one_step: Vec<f64> = e.iter().enumerate().map(|(k, e)| e * root(k)).collect();
-    let rms = |error: &dyn Fn(usize) -> f64| {
-        let sum: f64 = held.clone().map(|k| counted.weight[k] * error(k).powi(2)).sum();
-        let count: f64 = counted.weight[held.clone()].iter().sum();
-        (sum / count.max(1.0)).sqrt() * data.units.y
-    };
+    let rms = |error: &dyn Fn(usize) -> f64| rms(counted, held.clone(), error) * data.units.y;
     let kept: Vec<f64> = (data.first..data.len()).filter(|&k| data.weight[k] > 0.0).map(|k| e[k]).collect();
     let residual = Residual {
         white: is_white(&kept, 2 * ORDER),
@@ -69,6 +67,26 @@ pub fn validate(data: &IdData, fitted: &Fitted, counted: &IdData) -> Validation 
         one_step,
         free: free_run(data, fitted, &vec![0.0; data.len()], data.first, stretch),
     }
+}
+
+/// The errors of the one-step prediction of every sample (standard deviations of PV).
+fn errors(data: &IdData, fitted: &Fitted) -> Errors {
+    let signals = OnData::new(&fitted.hypothesis, data).signals(&fitted.model.theta);
+    fitted.model.errors(data, &data.y, &signals, data.len())
+}
+
+/// Root mean square of an error over the rows that count, in the unit of the error.
+fn rms(counted: &IdData, rows: Range<usize>, error: &dyn Fn(usize) -> f64) -> f64 {
+    let sum: f64 = rows.clone().map(|k| counted.weight[k] * error(k).powi(2)).sum();
+    let count: f64 = counted.weight[rows].iter().sum();
+    (sum / count.max(1.0)).sqrt()
+}
+
+/// Root mean square of the one-step error over some rows (PV unit), as [`validate`] publishes it of the held-out ones.
+pub fn one_step_rmse(data: &IdData, fitted: &Fitted, rows: Range<usize>) -> f64 {
+    let Errors { e, gains, .. } = errors(data, fitted);
+    let root = |k: usize| gains.root.get(k).copied().unwrap_or(1.0);
+    rms(data, rows, &|k| e[k] * root(k)) * data.units.y
 }
 
 /// Most free runs with an effect that depends on PV: each run is right for at least one dead time more than the run before.

@@ -1,5 +1,5 @@
 //! Traces the residual of the diagnosed model to effects that the model lacks. Effects are added, friction and dynamics are
-//! estimated again with them, and the errors are compared on samples that no fit has seen.
+//! estimated again with them, and the errors are compared on samples that nothing was fitted to.
 //!
 //! ```text
 //! A(q) y = B(q) K(y) g(x) + sum gamma_i phi_i + c0 + C(q) e
@@ -14,7 +14,9 @@
 //! | `e` | errors, independent and of Student's t | PV |
 //!
 //! Friction and effects compete by one criterion. Everything is fitted on the first 80 % of the window. The last 20 % are held
-//! out: they are read only once a selection has ended, to reject effects, and for the errors before and after.
+//! out: no selection on the fitted samples sees them. Once one has ended they reject effects, and each time they do the selection
+//! goes on and they are asked again. The errors before and after are taken on the same samples, which therefore helped to choose
+//! the model that they judge (`continuation.rs` measures what that makes of the errors).
 //!
 //! Where to look:
 //!
@@ -33,12 +35,14 @@
 //! | the verdict on friction, and its sentence | `verdict.rs` |
 //! | bounds on f: its interval, friction that could be hidden, the least that would have shown | `interval.rs`, `valve_search/hidden_friction.rs`, `detectable.rs` |
 //! | when the last model is kept | `confirm.rs` |
+//! | the errors on samples that chose nothing | `continuation.rs` |
 //!
 //! Pure: the same window gives the same findings.
 
 mod backward_elimination;
 mod checks;
 mod confirm;
+mod continuation;
 pub mod data_quality;
 mod detectable;
 pub mod effect;
@@ -62,6 +66,7 @@ mod verdict;
 mod window;
 
 pub use confirm::{LASTS_S, confirm, confirm_gated};
+pub use continuation::{Continuation, trace_continued};
 pub use findings::{
     Curves, Described, Effect, Evidence, Findings, Friction, Kind, Lasting, Parameter, Stem, Structure, Test,
 };
@@ -116,7 +121,7 @@ pub fn first_step(
 /// * `diagnosis`: the diagnosis of that window: the friction of the declared model, and the verdict that stands where tracing has
 ///   none.
 pub fn trace(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Option<Findings> {
-    trace::trace(window, diagnosis, settings)
+    trace::trace(window, diagnosis, settings).map(|report| report.findings)
 }
 
 #[cfg(test)]

@@ -50,8 +50,19 @@ pub struct Outcome {
     pub slip_jump: Evidence,
 }
 
-/// The findings in the plant's units. The errors before and after are those on the held-out samples.
-pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> Findings {
+/// The findings, and the two models whose errors they publish, each with the record that it was fitted to.
+pub struct Report {
+    /// The findings in the plant's units.
+    pub findings: Findings,
+    /// The record as it was measured, and the declared model.
+    pub before: (IdData, Fitted),
+    /// The repaired record, and the model with the effects.
+    pub after: (IdData, Fitted),
+}
+
+/// Reports an outcome. The errors before and after are those on the held-out samples. These samples have also rejected effects
+/// and may keep the verdict of the diagnosis: they helped to choose the model whose errors they give.
+pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> Report {
     let Outcome {
         recorded,
         mut data,
@@ -101,7 +112,7 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
     let structure = structure(&data, &best.hypothesis, &facts).filter(|_| undisputed);
     let structure = structure.map(|found| Structure { asked: answer.asked, failed: failed.clone(), ..found });
     let slip_jump = answer.tells_stiction().then_some(slip_jump);
-    Findings {
+    let findings = Findings {
         effects: effects(&data, &best, facts, added, slip_jump),
         rejected,
         candidates,
@@ -119,7 +130,8 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
         after: after.residual,
         stem: None,
         structure,
-    }
+    };
+    Report { findings, before: (recorded, declared), after: (data, best) }
 }
 
 /// Measured PV, free runs and residuals (PV unit), before and after.

@@ -9,13 +9,13 @@
 //! 6. The outcome is put into the plant's units and a verdict ([`super::report`]).
 
 use super::data_quality::{Fact, assess};
-use super::findings::{Evidence, Findings, Kind, Stem};
+use super::findings::{Evidence, Kind, Stem};
 use super::fit::{Fitted, arx, fit_anew, scored};
 use super::forward_selection::{Comparison, table};
 use super::hypothesis::Hypothesis;
 use super::posterior::{friction_class, log_prior};
 use super::rejection::select_and_reject;
-use super::report::{Outcome, report};
+use super::report::{Outcome, Report, report};
 use super::selection::Selected;
 use super::settings::Settings;
 use super::valve_search::{Effort, Found, LEAST_REVERSALS, search};
@@ -27,18 +27,18 @@ use crate::sysid::iddata::IdData;
 use crate::sysid::valve::{Rest, Start, StopRule, ValveModel, reversals};
 use std::cell::RefCell;
 
-/// See [`super::trace`].
-pub fn trace(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Option<Findings> {
-    let mut findings = trace_one(window, diagnosis, settings, true)?;
-    findings.stem = window.mv.as_ref().and_then(|mv| trace_stem(window, mv, settings));
-    Some(findings)
+/// [`super::trace`] with the models before and after.
+pub fn trace(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Option<Report> {
+    let mut report = trace_one(window, diagnosis, settings, true)?;
+    report.findings.stem = window.mv.as_ref().and_then(|mv| trace_stem(window, mv, settings));
+    Some(report)
 }
 
 /// Traces OP to the measured stem as PV is traced: no process stands between them.
 fn trace_stem(window: &Window, mv: &[f64], settings: &Settings) -> Option<Stem> {
     let window = Window { pv: mv.to_vec(), mv: None, sp: None, ..window.clone() };
     let unknown = Diagnosis::bare(Verdict::NoStiction, "the stem follows OP");
-    let findings = trace_one(&window, &unknown, settings, false)?;
+    let findings = trace_one(&window, &unknown, settings, false)?.findings;
     Some(Stem { friction: findings.friction_after, findings: Some(Box::new(findings)) })
 }
 
@@ -73,7 +73,7 @@ fn trace_one(
     diagnosis: &Diagnosis,
     settings: &Settings,
     closed_loop: bool,
-) -> Option<Findings> {
+) -> Option<Report> {
     let diagnosed = diagnosis.estimate.as_ref().filter(|_| diagnosis.verdict == Verdict::Stiction);
     let mut recorded = iddata_for_friction(window, diagnosed.map_or(0.0, |estimate| estimate.f))?;
     recorded.units.span = settings.op_span;

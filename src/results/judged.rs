@@ -32,7 +32,7 @@ pub struct Residuals {
     pub t0: f64,
     /// Sample period (s).
     pub ts: f64,
-    /// First sample that no fit has seen.
+    /// First held-out sample: nothing was fitted to it, but it may have rejected effects.
     pub split: usize,
     /// Of the declared model (PV unit).
     pub before: Arc<Packed>,

@@ -120,7 +120,7 @@ impl Run {
         }
     }
 
-    /// The share of PV's standard deviation that the model, run freely over data it has not seen, does not explain (0..1); 0
+    /// The share of PV's standard deviation that the model, run freely over held-out samples, does not explain (0..1); 0
     /// where the residual is white; `None` where that was not looked at.
     pub fn unexplained(&self) -> Option<f64> {
         if let Outcome::Elsewhere(told) = &self.outcome {

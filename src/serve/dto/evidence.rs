@@ -107,7 +107,7 @@ pub struct EvidenceResidual {
     pub start: Option<String>,
     /// Sample period (s).
     pub ts_s: Option<f64>,
-    /// First sample that no fit has seen.
+    /// First held-out sample: nothing was fitted to it, but it may have rejected effects.
     pub split: usize,
     /// Of the declared model (PV unit).
     pub before: Vec<Option<f64>>,

@@ -25,13 +25,15 @@ pub struct Ramps;
 struct Ramp {
     /// Sample of the kink; `None` for a drift from the start.
     from: Option<usize>,
+    /// Length of the record in which it was found (samples): a record that goes on does not change its slope.
+    length: usize,
 }
 
 impl Ramp {
-    /// The ramp, scaled so that it rises by 1 over the length of the record.
+    /// The ramp, scaled so that it rises by 1 over the length of the record in which it was found.
     fn shape(&self, data: &IdData) -> Vec<f64> {
-        let (from, n) = (self.from.unwrap_or(0), data.len());
-        (0..n).map(|k| k.saturating_sub(from) as f64 / n as f64).collect()
+        let from = self.from.unwrap_or(0);
+        (0..data.len()).map(|k| k.saturating_sub(from) as f64 / self.length as f64).collect()
     }
 }
 
@@ -56,16 +58,16 @@ impl EffectModel for Ramp {
         self.from
             .into_iter()
             .flat_map(|from| neighbouring_times(from, data, step * spread.max(1.0)))
-            .map(|from| Ramp { from: Some(from) }.boxed())
+            .map(|from| Ramp { from: Some(from), ..self.clone() }.boxed())
             .collect()
     }
     fn describe(&self, data: &IdData, model: &Armax, gamma: &[f64]) -> Described {
-        let per_s = gamma.first().copied().unwrap_or(0.0) / (data.len() as f64 * data.units.ts);
+        let per_s = gamma.first().copied().unwrap_or(0.0) / (self.length as f64 * data.units.ts);
         let (in_op, in_pv) = (per_s * in_op(data, model), per_s * in_pv(data, model));
         let from = data.time(self.from.unwrap_or(0) as f64);
         let since = if self.from.is_some() { format!(" from {} on", moment(from)) } else { String::new() };
         Described::new(format!(
-            "the load or the sensor drifts{since}, with the effect of {} an hour",
+            "the load or the sensor drifts{since}, as if OP moved by {} an hour",
             data.units.along_op(in_op * 3600.0)
         ))
         .with("from_s", from, "s")
@@ -80,13 +82,14 @@ impl Propose for Ramps {
     }
     fn propose(&self, screen: &Screen<'_>) -> Vec<Proposal> {
         let data = screen.data;
+        let length = data.len();
         let rated = |ramp: Ramp| {
             let gain = screen.arx.single_gain(screen.arx_regressor(&ramp.shape(data))).0;
             Proposal::new(ramp, gain)
         };
         let later = screen.change_times(((data.split - data.first) / TIMES).max(1));
-        let later = later.map(|from| rated(Ramp { from: Some(from) }));
+        let later = later.map(|from| rated(Ramp { from: Some(from), length }));
         let best = later.max_by(|a, b| a.gain.total_cmp(&b.gain));
-        [rated(Ramp { from: None })].into_iter().chain(best).collect()
+        [rated(Ramp { from: None, length })].into_iter().chain(best).collect()
     }
 }

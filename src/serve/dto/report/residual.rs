@@ -13,8 +13,9 @@ const PLACE: &str = "where";
 /// Most kinds that are told as candidates, `none` among them.
 const MOST_CANDIDATES: usize = 3;
 
-/// The residual before and after effects were added to the declared model, on samples that no fit has seen: the last 20 % of the
-/// window, read once; where nothing was traced, the last 30 % that the diagnosis keeps.
+/// The residual before and after effects were added to the declared model, on samples to which no coefficient was fitted: the last
+/// 20 % of the window; where nothing was traced, the last 30 % that the diagnosis keeps. The last 20 % also reject effects, so that
+/// the errors with the effects may be too small.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ReportResidual {
     /// White under the declared model; null when not identifiable.
@@ -23,11 +24,11 @@ pub struct ReportResidual {
     pub white_after: Option<bool>,
     /// One-step-ahead error under the declared model (PV unit).
     pub one_step_rmse_before: Option<f64>,
-    /// One-step-ahead error with the effects (PV unit).
+    /// One-step-ahead error with the effects (PV unit), on samples that also rejected effects: it may be too small.
     pub one_step_rmse_after: Option<f64>,
     /// Free-run error under the declared model (PV unit).
     pub free_run_rmse_before: Option<f64>,
-    /// Free-run error with the effects (PV unit).
+    /// Free-run error with the effects (PV unit), on the same samples.
     pub free_run_rmse_after: Option<f64>,
     /// What was added to the declared model, in that order; empty when it suffices.
     pub effects: Vec<ReportEffect>,
