@@ -168,7 +168,7 @@ fn health_says_that_a_file_may_be_newer_than_the_daemon() {
     fs::write(&path, &text).unwrap();
     signal(&child, "-HUP");
     wait_for(&mut log, "[server] has changed");
-    let newer = format!("[server] of {file} has this address, and the file may be newer than the daemon");
+    let newer = format!("[server] of {file} has this address, but a running daemon keeps the one");
     let (code, why) = health(&[]);
     assert_eq!((code, why.lines().count()), (Some(1), 1), "{why}");
     assert!(why.starts_with("stictiond: 127.0.0.1:9: ") && why.contains(&newer), "{why}");

@@ -416,7 +416,7 @@ pub fn untold_of(summary: &Summary) -> Option<Untold> {
         "stiction" | "no_stiction" => return None,
         outcome => summary.reason_code.as_deref().unwrap_or(outcome),
     };
-    // The sentence stands without the name of the reason, but where that says something, in other words for people.
+    // The sentence says enough without the name of the reason. Only `undersampled` adds something, which people read in plain words.
     let (name, rest) = summary.reason.split_once(": ").unwrap_or_default();
     let says = match name {
         "undersampled" => format!("sampled too slowly: {rest}"),

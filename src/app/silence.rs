@@ -9,7 +9,7 @@ use crate::schedule::Silence;
 use crate::signal::{LoopId, Record, Role};
 use std::sync::Arc;
 
-/// A stamp of before the start that is later than our clock by more than this is told (s): sources may be some minutes off.
+/// Lead of a stamp over our clock (s) above which a sample from before the start is told in the log: sources may be some minutes off.
 const AHEAD_S: f64 = 3600.0;
 
 /// Asks the rings of `history`.
@@ -46,13 +46,13 @@ pub(super) fn tell_ahead(history: &History, now: f64) {
         tracing::warn!(
             tags,
             by_s,
-            "samples that the store gave back are stamped later than this machine's clock shows: it was ahead when they came, or \
-             their source's is; where no new ones come, the loop is silent once a period has passed"
+            "samples that the store gave back are stamped later than this machine's clock shows: this clock was ahead when they \
+             came, or the clock of their source is; where no new ones come, the loop is silent once a period has passed"
         );
     }
 }
 
-/// Of how many tags the latest sample is stamped later than `now` (s), by more than sources are off, and by how much at most (s).
+/// The number of tags whose latest sample is stamped later than `now` (s) by more than [`AHEAD_S`], and the largest lead (s).
 fn ahead(history: &History, now: f64) -> Option<(usize, f64)> {
     let latest = (0..history.tag_count()).filter_map(|tag| history.ring(tag)?.latest());
     let ahead: Vec<f64> = latest.map(|last| last.t - now).filter(|ahead| *ahead > AHEAD_S).collect();

@@ -82,14 +82,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
 }
 
-/// What to think of where the address is that of a file: a daemon reads `[server]` at its start only.
+/// The likeliest reason and the remedy, where the address was read from a file: a daemon reads `[server]` at its start only.
 fn hint(args: &Args) -> String {
     match (&args.config, &args.address) {
         (Some(path), None) => {
             let file = path.display();
             format!(
-                "; [server] of {file} has this address, and the file may be newer than the daemon, which listens where it did at its \
-                 start: restart it, or ask there with `stictiond health --config {file} HOST:PORT`"
+                "; [server] of {file} has this address, but a running daemon keeps the one that it had at its start: restart it, or ask \
+                 at the old address with `stictiond health --config {file} HOST:PORT`"
             )
         }
         _ => String::new(),

@@ -34,13 +34,13 @@ use std::f64::consts::{PI, TAU};
 const USUAL_GAIN: (f64, f64) = (2.0, 5.0);
 /// Phase margin that a loop usually has (degrees): Åström & Hägglund.
 const USUAL_PHASE: (f64, f64) = (30.0, 60.0);
-/// Largest standard error of the logarithm of the gain margin (-): the usual margins differ by a factor of e^0.92.
+/// Largest standard error of the logarithm of the gain margin (-): about half the width of the usual range, ln(5/2) = 0.92.
 const GAIN_ERROR: f64 = 0.5;
-/// Largest standard error of the phase margin (degrees): the usual margins differ by 30°.
+/// Largest standard error of the phase margin (degrees): less than the width of the usual range, 30°.
 const PHASE_ERROR: f64 = 25.0;
-/// Angles at which the open loop is looked at: with a dead time of 100 samples, two of them differ by less than half a turn.
+/// Angles at which the open loop is looked at: with a dead time of 100 samples, L turns by less than half a turn between two of them.
 const ANGLES: usize = 2000;
-/// Halvings of the interval in which a crossover is: no number is told more exactly.
+/// Halvings of the interval in which a crossover is: an `f64` tells no smaller interval apart.
 const HALVINGS: usize = 60;
 
 /// The margins of a loop.
@@ -97,7 +97,7 @@ impl Margins {
 }
 
 /// The margins of a loop; none where OP is not what a PI or PID controller makes of the error, where the moves of the set point do not
-/// tell both margins well enough, and where no crossover is found.
+/// tell both margins well enough, where no crossover is found, and where the model says that the loop is not stable.
 ///
 /// * `window`: OP, PV and set point in automatic, to which `model` was fitted.
 /// * `op_limits`: the controller's output limits (OP unit), where known.
@@ -108,7 +108,10 @@ pub fn margins(window: &Window, op_limits: Option<(f64, f64)>, model: &Model) ->
     let found = crossovers(&open, window.len())?;
     let is_sure = found.gain.is_none_or(|angle| phase_error(&open, angle, &told) <= PHASE_ERROR)
         && found.phase.is_none_or(|angle| gain_error(&open, angle, &told) <= GAIN_ERROR);
-    is_sure.then(|| found.margins(&open, window.ts))
+    let margins = is_sure.then(|| found.margins(&open, window.ts));
+    // A loop that runs is stable: a model that says otherwise is wrong.
+    margins
+        .filter(|own| own.gain.is_none_or(|gain| gain > 1.0) && own.phase_deg.is_none_or(|phase| phase > 0.0))
 }
 
 /// The angles omega ts of the crossovers (rad).

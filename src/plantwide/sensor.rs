@@ -19,18 +19,19 @@ use std::f64::consts::FRAC_2_SQRT_PI;
 const DEAD_BAND: f64 = 0.5;
 /// Standard deviations of the range in which a normal signal is for 95 % of the time.
 const RANGE: f64 = 4.0;
-/// Share of the time above which it is told that PV stands still (-).
+/// Share of the time above which it is told that PV stands still (-); judged: less is not worth a look at the transmitter.
 const STANDS: f64 = 0.05;
 /// Quantum of PV above which it is told (standard deviations): 40 values in 95 % of the time.
 const COARSE: f64 = 0.1;
-/// Share of PV's variance above which noise is told, and above which PV is called noise alone (-).
+/// Share of PV's variance above which noise is told, and above which PV is called noise alone (-); judged: less than a tenth is
+/// usual, and more than 95 % leaves nothing to control.
 const NOISY: (f64, f64) = (0.1, 0.95);
 /// Least jump of OP that is told (% of its span): below it one decimal would be 0.
 const TOLD: f64 = 0.05;
 
 /// What is seen of PV.
 enum Fault {
-    /// It does not change at all for this share of the time, in one piece.
+    /// It does not change at all for this share of the time, without a break.
     Held(f64),
     /// It has this quantum (standard deviations).
     Coarse(f64),
@@ -70,8 +71,8 @@ pub(super) fn why(of: &LoopFound) -> String {
     let percent = |share: f64| format!("{:.0} %", 100.0 * share);
     match Fault::of(of) {
         Fault::Held(share) => format!(
-            "PV does not change at all for {} of the time in one piece, and the controller is blind meanwhile: check the transmitter, and \
-             how its values are collected",
+            "PV does not change at all for {} of the time without a break, and the controller is blind meanwhile: check the transmitter, \
+             and how its values are collected",
             percent(share)
         ),
         Fault::Still(share) => format!(
@@ -92,7 +93,7 @@ pub(super) fn why(of: &LoopFound) -> String {
                 format!("{} of PV's variance is noise", percent(share))
             };
             let remedy = if of.indicators.is_at_minimum() {
-                "filter PV, since no tuning makes it steadier"
+                "filter PV, since no tuning at this sample period makes it steadier"
             } else {
                 "filter PV or lower the controller's gain"
             };
@@ -116,7 +117,7 @@ fn with_cost(of: &LoopFound, seen: &str, what: &str, remedy: &str) -> String {
         || "OP moves".to_string(),
         |jump| format!("OP jumps by {jump:.1} % of its span from sample to sample"),
     );
-    format!("{seen}, and the controller passes {what} on: {moves} for nothing; {remedy}")
+    format!("{seen}, and the controller passes {what} on: {moves} without need; {remedy}")
 }
 
 #[cfg(test)]
@@ -140,7 +141,7 @@ mod tests {
         of.indicators.kept.noise_share = 0.4;
         assert_eq!(
             why(&of),
-            "40 % of PV's variance is noise, and the controller passes it on: OP moves for nothing; filter PV or lower the controller's gain"
+            "40 % of PV's variance is noise, and the controller passes it on: OP moves without need; filter PV or lower the controller's gain"
         );
         of.indicators.stuck = Some(0.2);
         assert_eq!(
@@ -150,13 +151,13 @@ mod tests {
         of.indicators.kept.quantisation = 0.5;
         assert_eq!(
             why(&of),
-            "PV is so coarse that it takes about 8 values, and the controller passes each step on: OP moves for nothing; look for the \
+            "PV is so coarse that it takes about 8 values, and the controller passes each step on: OP moves without need; look for the \
              coarse step in the transmitter's range, the input card and the archive"
         );
         of.signs[HELD] = 0.3;
         assert_eq!(
             why(&of),
-            "PV does not change at all for 30 % of the time in one piece, and the controller is blind meanwhile: check the transmitter, \
+            "PV does not change at all for 30 % of the time without a break, and the controller is blind meanwhile: check the transmitter, \
              and how its values are collected"
         );
     }
@@ -167,7 +168,7 @@ mod tests {
         of.indicators.kept.noise_share = 1.0;
         assert_eq!(
             why(&of),
-            "PV is noise alone, and the controller passes it on: OP jumps by 3.4 % of its span from sample to sample for nothing; filter \
+            "PV is noise alone, and the controller passes it on: OP jumps by 3.4 % of its span from sample to sample without need; filter \
              PV or lower the controller's gain"
         );
         assert!(!costs_nothing(&of));
@@ -205,7 +206,11 @@ mod tests {
             of.indicators.harris = harris(low);
             let said = why(&of);
             assert_eq!(said.contains("lower the controller's gain"), tuning, "{said}");
-            assert_eq!(said.ends_with("filter PV, since no tuning makes it steadier"), !tuning, "{said}");
+            assert_eq!(
+                said.ends_with("filter PV, since no tuning at this sample period makes it steadier"),
+                !tuning,
+                "{said}"
+            );
         }
     }
 }

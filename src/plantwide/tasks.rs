@@ -23,11 +23,13 @@ impl Part {
     /// Every part, in the order of the list.
     pub const ALL: [Part; 3] = [Part::First, Part::Perhaps, Part::Unknown];
 
-    /// The part of a cause with its probability (0..1). `gains_nothing`: whether nothing is gained by removing it.
+    /// The part of a cause with its probability (0..1), which is compared as it is told, in whole per cent. `gains_nothing`: whether nothing is gained by removing it.
     pub fn of(cause: Cause, probability: Option<f64>, gains_nothing: bool) -> Self {
         match cause {
             Cause::Unknown => Part::Unknown,
-            _ if !gains_nothing && probability.is_some_and(|p| p >= LIKELY) => Part::First,
+            _ if !gains_nothing && probability.is_some_and(|p| (100.0 * p).round() >= 100.0 * LIKELY) => {
+                Part::First
+            }
             _ => Part::Perhaps,
         }
     }

@@ -12,7 +12,7 @@ pub fn why(of: &LoopFound) -> String {
     let swing = of.oscillations.first().map(|own| period(own.period_s));
     let is_tight = |margins: &Margins| margins.tuned() == Tuned::Tightly;
     if of.indicators.is_at_minimum() {
-        let signals = "its error comes and goes as under a wrong tuning, but is as small as any tuning makes it: leave the tuning as it is";
+        let signals = "its error comes and goes as under a wrong tuning, but is as small as any tuning at this sample period makes it: leave the tuning as it is";
         return match of.margins.as_ref().filter(|margins| is_tight(margins)) {
             Some(margins) => format!("{signals}, though it is tight: {}", margins.words()),
             None => signals.into(),

@@ -134,7 +134,7 @@ fn joined(kept: Order, own: Order) -> Order {
     let before = own.before.or(kept.before);
     let (first, reopened) = (kept.first, kept.reopened + own.reopened);
     let (suspected, victims) = (own.suspected.max(kept.suspected), own.victims.clone());
-    // It was said with the sentence.
+    // It belongs to the sentence, so both come from the same order.
     let gains_nothing = if own.why.is_some() { own.gains_nothing } else { kept.gains_nothing };
     let whole = if by_people { own } else { Order { why: own.why.or(kept.why), gains_nothing, ..kept } };
     Order { first, suspected, victims, looks, before, reopened, ..whole }

@@ -1,4 +1,4 @@
-//! The margins of a loop by a diagnosis, where its model is linear: neither the valve nor the process has an effect that is not.
+//! The gain and phase margins of a loop by a diagnosis, where the models of its valve and its process are linear.
 
 use super::dead_time::good_model;
 use crate::diagnosis::Verdict;
@@ -8,9 +8,10 @@ use crate::results::Judged;
 
 /// The margins by a diagnosis; `None` where they are not known.
 ///
-/// They are given where the diagnosis says that the valve does not stick and its model, which has no friction, is good, as for the dead
-/// time. The window must have no term of write-back, which the controller does not make, and the model no change of the process, no
-/// curve and no stop of the valve, and no clock that is off, because then there is no one open loop.
+/// * The diagnosis says that the valve does not stick, and its model has no friction and is good, as for the dead time.
+/// * No term of write-back acts in the window, because the controller does not make it.
+/// * The model has no change of the process, no curve and no stop of the valve, and no clock that is off: then one open loop does not
+///   describe the whole window.
 ///
 /// `op_limits`: the controller's output limits (OP unit), where known.
 pub fn margins_of(judged: &Judged, op_limits: Option<(f64, f64)>) -> Option<Margins> {
@@ -28,7 +29,7 @@ pub fn margins_of(judged: &Judged, op_limits: Option<(f64, f64)>) -> Option<Marg
     margins(&window, op_limits, model)
 }
 
-/// Whether an effect is not one of a linear loop that stays as it is.
+/// Whether a loop with this effect is not linear, or does not stay as it is.
 fn is_not_linear(effect: &Effect) -> bool {
     effect.kind.is_of_the_valve() || effect.kind == Kind::ClockSkew
 }

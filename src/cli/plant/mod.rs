@@ -278,6 +278,10 @@ fn nothing(work: &[Task]) -> &'static str {
     match work.first().map(Task::part) {
         None => "Nothing: no loop that could be judged needs work",
         Some(Part::Unknown) => "Nothing: no cause is known",
+        // Such a cause may be as good as sure.
+        Some(_) if work.iter().any(|line| line.gains_nothing) => {
+            "Nothing: no cause is both likely enough and worth removing"
+        }
         Some(_) => "Nothing: no cause is likely enough",
     }
 }
@@ -349,6 +353,16 @@ mod tests {
             assert!(told(work).contains(nothing), "{}", told(work));
         }
         assert!(!told(&[]).contains("Perhaps"));
+        let sure = Task {
+            at: 0,
+            cause: Cause::Sensor,
+            probability: Some(0.99),
+            worth: 1.0,
+            why: String::new(),
+            gains_nothing: true,
+            victims: Vec::new(),
+        };
+        assert_eq!(nothing(&[sure]), "Nothing: no cause is both likely enough and worth removing");
     }
 
     #[test]

@@ -15,9 +15,9 @@ use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, substitute};
 
 /// Least share of OP's moves that the controller must explain (-): what is left is then at most a third as large as what is explained.
 const EXPLAINED: f64 = 0.9;
-/// Fewest rows.
+/// Fewest rows: three coefficients do not explain so many by chance.
 const LEAST_ROWS: usize = 100;
-/// Distance from a limit of OP that is at it, as a part of the span between both.
+/// Distance from a limit of OP that counts as at the limit, as a part of the span between both: OP may be rounded there.
 const AT: f64 = 1e-3;
 
 /// `q0`, `q1` and `q2` (OP unit per PV unit); none without a set point, and where they do not explain how OP moves, as in manual.

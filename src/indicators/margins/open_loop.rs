@@ -14,7 +14,7 @@ use nalgebra::Complex;
 use std::f64::consts::PI;
 use std::iter::successors;
 
-/// Part of an angle over which a slope is taken (-).
+/// Part of an angle over which a slope is taken (-): the errors of the difference and of its rounding are both near 1e-10.
 const STEP: f64 = 1e-5;
 
 /// A controller and a process.

@@ -21,7 +21,7 @@ use crate::sysid::stats::mean;
 
 /// Lags of the set point beyond the dead time of the process: a step is still seen when a loop of the usual speed has settled.
 const LAGS: usize = 20;
-/// Fewest rows for a lag.
+/// Fewest rows for a lag: with fewer, so many lags would explain PV by chance.
 const ROWS_A_LAG: usize = 5;
 /// Least F by which the set point explains PV (-): Staiger & Stock.
 const LEAST_F: f64 = 10.0;

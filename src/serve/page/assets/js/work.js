@@ -63,7 +63,7 @@ export function workView(main, _parts, query) {
       h("td", { class: "act" }, may("operator") ? (MAY[item.state] ?? []).map(button) : null));
   }
 
-  const heading = ([name, note]) => h("tr", { class: "part" }, h("td", { colspan: COLUMNS.length }, h("strong", null, name), note));
+  const heading = ([name, note]) => h("tr", { class: "part" }, h("th", { scope: "colgroup", colspan: COLUMNS.length }, h("strong", null, name), note));
 
   // The rows of some items, with a heading where a part begins.
   function lines(from, to) {
