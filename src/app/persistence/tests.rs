@@ -57,15 +57,20 @@ fn how_the_store_is_can_be_asked_while_somebody_waits_for_it() {
     assert!(longest < PATIENCE / 2, "it was answered after {longest:?}");
 }
 
+/// What follows rings and keeps nothing, by a clock that shows `at` (s), and what makes a history of the plant.
+fn without_store(at: f64) -> (Arc<Persistence>, impl Fn() -> History) {
+    let config = parse("plant.toml", PLANT).expect("sound");
+    let (wired, rings) = (config.plant().expect("sound"), config.history.clone());
+    let history = move || History::new(&wired.loops, &rings);
+    let results = Results::new(&[], 1, &config.alarm);
+    let persistence =
+        Persistence::new(&config, Clock::by_hand(at), store::Driven::default(), (&history(), &results));
+    (persistence, history)
+}
+
 #[test]
 fn a_new_ring_that_holds_what_is_of_before_a_set_back_measures_nothing() {
-    let config = parse("plant.toml", PLANT).expect("sound");
-    let wired = config.plant().expect("sound");
-    let history = || History::new(&wired.loops, &config.history);
-    let results = Results::new(&[], 1, &config.alarm);
-    let none = history();
-    let persistence =
-        Persistence::new(&config, Clock::by_hand(0.0), store::Driven::default(), (&none, &results));
+    let (persistence, history) = without_store(0.0);
     let last =
         || lock(&persistence.shared.taps).iter().map(|tap| f64::from_bits(tap.last.load(Relaxed))).next();
     for (now, measure) in [(f64::INFINITY, 9000.0), (9001.0, 9000.0), (8000.0, f64::NAN)] {
@@ -80,13 +85,7 @@ fn a_new_ring_that_holds_what_is_of_before_a_set_back_measures_nothing() {
 /// While an era is owed a reload measures by no time of now, but the clock may have been set back once more.
 #[test]
 fn a_new_ring_begins_behind_a_set_back_whatever_it_is_measured_by() {
-    let config = parse("plant.toml", PLANT).expect("sound");
-    let wired = config.plant().expect("sound");
-    let history = || History::new(&wired.loops, &config.history);
-    let results = Results::new(&[], 1, &config.alarm);
-    let none = history();
-    let persistence =
-        Persistence::new(&config, Clock::by_hand(8000.0), store::Driven::default(), (&none, &results));
+    let (persistence, history) = without_store(8000.0);
     for (told, set_backs) in [(7999.0, 0), (9000.0, 1)] {
         lock(&persistence.shared.set_backs).begin(told);
         lock(&persistence.shared.taps).clear();
