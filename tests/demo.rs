@@ -132,12 +132,13 @@ async fn a_minute_after_the_start_every_loop_has_its_right_verdict() {
         .expect("ends well");
 }
 
-/// Without sockets and clocks: the plant of other seeds, as it is polled, gives the same verdicts.
+/// Without sockets and clocks: the plant of other seeds, as it is polled, gives the same verdicts. Of seed 2 a test of
+/// `tests/fleet/workers.rs` says so.
 #[test]
 fn the_verdicts_do_not_hang_on_the_seed() {
     let judge = App::diagnosis();
     let mut wrong = Vec::new();
-    for seed in 2..5 {
+    for seed in 3..5 {
         for demo in demo_plant(seed) {
             // Every fourth sample, the first 2,000 s left out, 1,000 samples: 25 s of the demo.
             let run = record(&demo.spec, 2000, demo.seed, Recording::Sample { every: 4 })

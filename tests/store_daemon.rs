@@ -13,7 +13,7 @@ use serde_json::Value;
 use std::fmt::Write as _;
 use std::process::Command;
 use std::time::{Duration, Instant};
-use stictiond::demo::{DEFAULT_SPEED, Demo, Options, Screen};
+use stictiond::demo::{DEFAULT_SPEED, Demo, Options};
 use stictiond::store::{Config, Reader, check, check_of};
 
 /// Time between two diagnoses of a loop in these tests (s).
@@ -65,7 +65,7 @@ async fn killed_under_load_it_goes_on_where_it_was() {
     );
     let config = folder.join("config.toml");
     std::fs::write(&config, text).expect("writable");
-    let plant = tokio::spawn(demo.run(Screen::new(Vec::new(), false)));
+    let plant = tokio::spawn(demo.run_plant());
     let done = tokio::task::spawn_blocking(move || {
         let daemon = Daemon::start(stictiond(), "run", &config);
         daemon.until("every loop diagnosed and alarms raised", Duration::from_secs(240), |daemon| {

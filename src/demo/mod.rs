@@ -43,6 +43,11 @@ const DIAGNOSE_EVERY_S: f64 = 10.0;
 const REDRAW: Duration = Duration::from_millis(500);
 const PRINT: Duration = Duration::from_secs(5);
 
+/// Plant time that no run lasts for: 136 years.
+const FOR_EVER: Duration = Duration::from_secs(u32::MAX as u64);
+/// What is said where nobody can poll the plant any more.
+const PLANT_FAILED: &str = "the simulated plant's server failed";
+
 /// What the command line says.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
@@ -169,6 +174,11 @@ impl Demo {
         self.app.writeback()
     }
 
+    /// The plant's clock. It waits for a computer that pauses, so it goes on only while somebody polls the plant or looks at it.
+    pub fn clock(&self) -> Clock {
+        self.clock
+    }
+
     /// What the diagnoses said.
     pub fn results(&self) -> Arc<Results> {
         Arc::clone(self.app.results())
@@ -177,6 +187,23 @@ impl Demo {
     /// Cancel it to stop the demo.
     pub fn stop(&self) -> CancellationToken {
         self.app.stop()
+    }
+
+    /// Runs the plant alone until [`Demo::stop`] is cancelled: for a daemon elsewhere that watches it by [`Demo::config`].
+    ///
+    /// # Errors
+    /// [`DemoError`] when the plant's server fails.
+    pub async fn run_plant(self) -> Result<(), DemoError> {
+        let (stop, clock) = (self.app.stop(), self.clock);
+        // That daemon has a clock of its own: the plant goes on with the wall, however late a poll comes.
+        let going = stop.run_until_cancelled(clock.sleep_until(FOR_EVER));
+        let plant = async {
+            let served = self.station.serve(self.modbus, stop.clone()).await;
+            stop.cancel();
+            served.map_err(DemoError::io(PLANT_FAILED))
+        };
+        let (served, _) = tokio::join!(plant, going);
+        served
     }
 
     /// Runs plant and daemon until [`Demo::stop`] is cancelled, and draws the table on `screen`.
@@ -207,7 +234,7 @@ impl Demo {
         let plant = async {
             let served = self.station.serve(self.modbus, plant_stop.clone()).await;
             stop.cancel();
-            served.map_err(DemoError::io("the simulated plant's server failed"))
+            served.map_err(DemoError::io(PLANT_FAILED))
         };
         let daemon = async {
             let ran = self.app.run(self.api).await;

@@ -39,8 +39,11 @@ class Walk:
             self.page.context.close()
 
     def go(self, route=""):
+        is_new = self.page.url == "about:blank"
         self.page.goto(f"{self.base}/#/{route}")
-        self.page.reload()
+        # In a page that is there already nothing is loaded where only what stands behind # is another.
+        if not is_new:
+            self.page.reload()
 
     def shot(self, name, whole=False):
         # Tiles out of sight are not laid out; a picture of the whole page needs no more than what is seen.

@@ -1,8 +1,9 @@
 //! The tests that the documents name by a command are there: a test that is renamed would else be shown by nothing.
 
 use super::{DOCUMENTS, read, root};
+use std::collections::BTreeMap;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// The words behind each `cargo nextest run` of a document, up to the end of the command.
 fn commands(text: &str) -> Vec<Vec<&str>> {
@@ -25,39 +26,49 @@ fn names(path: &Path) -> String {
     out
 }
 
+/// The names at or below a path, which are read once.
+type Known = BTreeMap<PathBuf, String>;
+
 /// What a command runs, as far as it is named here; why that is not there.
-fn missing(command: &[&str]) -> Option<String> {
+fn missing(command: &[&str], known: &mut Known) -> Option<String> {
     let (mut sources, mut filters, mut words) = (None, Vec::new(), command.iter());
     while let Some(word) = words.next() {
         match *word {
             // Of a crate beside ours.
             "-p" => return None,
-            "--lib" => sources = Some(names(&root().join("src"))),
+            "--lib" => sources = Some(vec![root().join("src")]),
             "--test" => {
                 let place = root().join("tests").join(words.next()?);
                 let file = place.with_extension("rs");
                 if !file.exists() && !place.exists() {
                     return Some(format!("{}: no such test", place.display()));
                 }
-                sources = Some(names(&file) + &names(&place));
+                sources = Some(vec![file, place]);
             }
             option if option.starts_with('-') => {}
             filter => filters.push(filter),
         }
     }
     let sources = sources?;
-    let is_there = |filter: &&str| filter.split("::").all(|part| sources.contains(part));
+    for path in &sources {
+        known.entry(path.clone()).or_insert_with(|| names(path));
+    }
+    let known = &*known;
+    let is_named = |part: &str| sources.iter().any(|path| known[path].contains(part));
+    let is_there = |filter: &&str| filter.split("::").all(is_named);
     filters.iter().find(|filter| !is_there(filter)).map(|filter| format!("no test is called {filter}"))
 }
 
 #[test]
 fn every_test_that_a_document_names_is_there() {
-    let (mut count, mut wrong) = (0, Vec::new());
+    let (mut count, mut wrong, mut known) = (0, Vec::new(), Known::new());
     for name in DOCUMENTS {
         let text = read(name);
         for command in commands(&text) {
             count += 1;
-            wrong.extend(missing(&command).map(|why| format!("{name}: {}: {why}", command.join(" "))));
+            wrong.extend(
+                missing(&command, &mut known).map(|why| format!("{name}: {}: {why}", command.join(" "))),
+            );
         }
     }
     assert!(count > 50, "only {count} commands found");
@@ -66,7 +77,8 @@ fn every_test_that_a_document_names_is_there() {
 
 #[test]
 fn a_test_that_is_not_there_is_missed() {
-    let of = |command: &str| missing(&command.split(' ').collect::<Vec<_>>());
+    let mut known = Known::new();
+    let mut of = |command: &str| missing(&command.split(' ').collect::<Vec<_>>(), &mut known);
     assert_eq!(of("--test docs filters::a_test_that_is_not_there"), None);
     assert_eq!(of("--lib ledger:: --no-capture"), None);
     // In two parts, or its name would stand here.

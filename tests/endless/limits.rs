@@ -2,7 +2,7 @@
 //! what a process may write to (`RLIMIT_DATA`), which counts what was asked for and never touched too: it ends no later than
 //! systemd's. Tasks are counted, because the limit on them counts those of all processes of a user.
 
-use super::rig::{COMMON, Daemon, Flood, Peer, Wire, asked, peer, written};
+use super::rig::{COMMON, Daemon, Flood, ON_THE_WAY, Peer, Wire, asked, peer, written};
 use super::{MAIL, MODBUS, MQTT, NATS, OPC_UA, POSTGRESQL, RTU, TOLD, WEB};
 use super::{mail, modbus, mqtt, nats, opcua, postgresql, web};
 use std::fs;
@@ -12,8 +12,6 @@ use std::sync::atomic::Ordering::SeqCst;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// More than the system holds on the way (bytes): so much went to the daemon, or it gave the peer up.
-const ENOUGH: u64 = 12 << 20;
 /// All at once take longer than one by one.
 const PATIENT: Duration = Duration::from_secs(240);
 
@@ -72,7 +70,8 @@ fn all_at_once_under_the_limits_of_the_unit() {
         let daemons = daemons.map(|(role, text)| limited(role, text, memory, handles));
         let threads = || daemons.iter().map(|(daemon, _)| daemon.status("Threads:")).max().unwrap_or(0);
         let began = Instant::now();
-        let met = |peer: &Peer| peer.ended.load(SeqCst) > 0 || peer.sent.load(SeqCst) > ENOUGH;
+        // It gave the peer up, or something came to it.
+        let met = |peer: &Peer| peer.ended.load(SeqCst) > 0 || peer.sent.load(SeqCst) > ON_THE_WAY;
         while let Some((name, what, _)) = peers.iter().find(|(_, _, peer)| !met(peer)) {
             assert!(began.elapsed() < PATIENT, "{name}, {}: it was never asked", what.name);
             most.1 = most.1.max(threads());

@@ -18,6 +18,10 @@ use tokio_rustls::rustls::{ServerConfig, ServerConnection, StreamOwned};
 
 /// What is promised (bytes).
 pub const MOST: u64 = 32 << 20;
+/// More than the system holds on the way (bytes).
+pub const ON_THE_WAY: u64 = 12 << 20;
+/// Bytes after which it is seen whether a daemon holds them: then more than the promise went to it, and 2 MiB to spare.
+const ENOUGH: u64 = MOST + ON_THE_WAY + (2 << 20);
 /// Daemons of a protocol at once: most of the time each waits before it connects again.
 const AT_ONCE: usize = 3;
 /// Bytes sent at once.
@@ -212,9 +216,9 @@ pub fn asked(address: &str, path: &str) -> Option<String> {
     Some(answer)
 }
 
-/// Most memory until three connections to such a peer ended, or it has got rid of twice what may be held.
+/// Most memory until three connections to such a peer ended, or it has got rid of more than may be held and be on the way.
 fn taken(name: &str, config: &str, wire: Wire, what: Flood) -> u64 {
-    measured(&peer(what, wire), &format!("{name}-{}", what.name), config, 2 * MOST)
+    measured(&peer(what, wire), &format!("{name}-{}", what.name), config, ENOUGH)
 }
 
 /// What a daemon takes at rest, whose peer says nothing.

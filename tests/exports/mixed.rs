@@ -59,29 +59,27 @@ fn two_loops_under_any_name_are_refused_and_one_is_read_by_its_name() {
         let stacked = || [0, 1].into_iter().flat_map(move |of| rows.iter().map(move |pair| pair[of].clone()));
         [wide(name, in_turn()), wide(name, stacked()), long(name, in_turn()), long(name, stacked())]
     };
-    for (name, words) in [
-        ("Train", ["A", "B"]),
-        ("Unit", ["1", "2"]),
-        ("Station", ["North", "South"]),
-        ("Id", ["101", "102"]),
-        ("Serial", ["A1B", "A1C"]),
-        ("x", ["A", "B"]),
+    // Names and offsets are also combined at random, in `random_mixed`.
+    for (name, words, later) in [
+        ("Train", ["A", "B"], 0.0),
+        ("Unit", ["1", "2"], 0.7),
+        ("Station", ["North", "South"], 1.0),
+        ("Id", ["101", "102"], 0.0),
+        ("Serial", ["A1B", "A1C"], 0.7),
+        ("x", ["A", "B"], 1.0),
     ] {
-        for later in [0.0, 0.7, 1.0] {
-            for table in tables(name, words, later) {
-                let told = format!("the rows are of several {name:?}: {:?}, {:?}; keep", words[0], words[1]);
-                for said in refused(&table, &Options::default()) {
-                    assert!(said.contains(&told) && said.contains("say which with --loop"), "{said}");
-                }
-                for said in refused(&table, &of_loop("FIC7")) {
-                    assert!(said.contains("and none is \"FIC7\" (--loop)"), "{said}");
-                }
-                let one =
-                    of_bytes(&table, &of_loop(words[0])).unwrap_or_else(|said| panic!("{name}: {said}"));
-                assert!(bits(&one.record) == bits(&example()), "{name}, {later} s: {}", one.found.read_as);
-                let other = of_bytes(&table, &of_loop(words[1])).expect("the other");
-                assert_eq!(other.record.op[7].value, 100.0 - example().op[7].value, "{name}, {later} s");
+        for table in tables(name, words, later) {
+            let told = format!("the rows are of several {name:?}: {:?}, {:?}; keep", words[0], words[1]);
+            for said in refused(&table, &Options::default()) {
+                assert!(said.contains(&told) && said.contains("say which with --loop"), "{said}");
             }
+            for said in refused(&table, &of_loop("FIC7")) {
+                assert!(said.contains("and none is \"FIC7\" (--loop)"), "{said}");
+            }
+            let one = of_bytes(&table, &of_loop(words[0])).unwrap_or_else(|said| panic!("{name}: {said}"));
+            assert!(bits(&one.record) == bits(&example()), "{name}, {later} s: {}", one.found.read_as);
+            let other = of_bytes(&table, &of_loop(words[1])).expect("the other");
+            assert_eq!(other.record.op[7].value, 100.0 - example().op[7].value, "{name}, {later} s");
         }
     }
 }

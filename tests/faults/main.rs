@@ -21,8 +21,10 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::time::Instant;
 
-/// Seeds that run with all other tests.
-const SEEDS: u64 = 50;
+/// Seeds that run with all other tests …
+const SEEDS: u64 = 26;
+/// … from this one on: `one_seed` runs those before it.
+const FIRST: u64 = 5;
 /// Seeds that failed once, and led to mends.
 const MENDED: [u64; 6] = [5058, 9283, 1_003_466, 1_007_027, 1_007_956, 1_008_045];
 
@@ -96,7 +98,8 @@ fn sweep(first: u64, count: u64) -> (Outcome, Vec<String>) {
 #[test]
 fn nothing_is_lost_twice_or_invented_under_faults() {
     let _alone = alone();
-    let (first, count) = (number("STICTIOND_SEED").unwrap_or(1), number("STICTIOND_SEEDS").unwrap_or(SEEDS));
+    let told = ["STICTIOND_SEED", "STICTIOND_SEEDS"].map(number);
+    let (first, count) = (told[0].unwrap_or(FIRST), told[1].unwrap_or(SEEDS));
     let began = Instant::now();
     let (total, wrong) = sweep(first, count);
     let table: BTreeMap<_, _> = total.counts.iter().collect();

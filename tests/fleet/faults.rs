@@ -15,7 +15,7 @@ use rand_pcg::Pcg64Mcg;
 use std::ops::RangeInclusive;
 use std::thread::sleep;
 use std::time::Duration;
-use stictiond::demo::{Demo, Screen};
+use stictiond::demo::Demo;
 use stictiond::fleet::streams::ALARMS;
 
 /// Faults where nothing else is said.
@@ -104,7 +104,7 @@ async fn whatever_goes_away_nothing_is_lost_and_nothing_is_there_twice() {
     let centres = CENTRES.map(|name| Some(fleet.centre(name, receiver)));
     let edge = Some(fleet.edge(SITE, &demo, receiver));
     let stop = demo.stop();
-    let plant = tokio::spawn(demo.run(Screen::new(Vec::new(), false)));
+    let plant = tokio::spawn(demo.run_plant());
     let worker = Some(fleet.worker("w1"));
     let parts = Parts { fleet, edge, worker, centres, killed: Vec::new() };
     let done = tokio::task::spawn_blocking(move || {

@@ -26,7 +26,7 @@ mod workers;
 use proof::Proof;
 use rig::{Fleet, tells};
 use std::collections::BTreeMap;
-use stictiond::demo::{DEFAULT_SPEED, Demo, Options, Screen};
+use stictiond::demo::{DEFAULT_SPEED, Demo, Options};
 use wire::Wire;
 
 /// The demo as it is by itself.
@@ -51,11 +51,11 @@ async fn what_an_edge_measures_and_finds_is_at_the_centre_once_whatever_is_cut_o
         // So many polls a second whatever the number of copies, as all parts share one machine.
         let slower = Options { speed: DEFAULT_SPEED / fleet.copies as f64, ..options(seed) };
         let demo = Demo::build(&slower).await.expect("builds");
-        plant = plant.or(Some(demo.address()));
+        plant = plant.or(Some(demo.clock()));
         expected.extend(demo.loops().iter().map(|own| (own.id.clone(), own.expected.as_str())));
         stops.push(demo.stop());
         edges.push(fleet.edge(site, &demo, receiver));
-        plants.push(tokio::spawn(demo.run(Screen::new(Vec::new(), false))));
+        plants.push(tokio::spawn(demo.run_plant()));
     }
     let proof = Proof::new(fleet, wire, plant.expect("a site"), expected);
     let done = tokio::task::spawn_blocking(move || proof.run(edges, [first, second], worker, &told)).await;

@@ -1,16 +1,16 @@
 //! The fleet's proof, step by step: what is killed or cut, and what has to be true then.
 
 use crate::daemon::{Daemon, stictiond};
-use crate::rig::{Fleet, LOOPS, alarm, diagnosed, loops, now, plant_s, tells, times, until_none};
+use crate::rig::{Fleet, LOOPS, alarm, diagnosed, loops, now, tells, times, until_none};
 use crate::settle::Mark;
 use crate::told::{Kept, at_site, compare, letters, named_in, of_site, reports, too_often, untold};
 use crate::wire::{Key, Made, Wire};
 use std::collections::{BTreeMap, BTreeSet};
-use std::net::SocketAddr;
 use std::ops::RangeInclusive;
 use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant, SystemTime};
 use stictiond::fleet::streams::{ALARMS, WINDOWS};
+use stictiond::schedule::Clock;
 
 /// The site whose line is cut and whose edge is restarted.
 const SITE: &str = "north";
@@ -35,8 +35,8 @@ pub struct Proof {
     fleet: Fleet,
     wire: Wire,
     patience: Duration,
-    /// Where the first site's plant says what time it is there.
-    plant: SocketAddr,
+    /// What time it is at the first site's plant.
+    plant: Clock,
     /// What is to be said of each loop of a plant.
     expected: BTreeMap<String, &'static str>,
     /// A time (s) in which workers diagnosed every loop.
@@ -48,12 +48,7 @@ pub struct Proof {
 }
 
 impl Proof {
-    pub fn new(
-        fleet: Fleet,
-        wire: Wire,
-        plant: SocketAddr,
-        expected: BTreeMap<String, &'static str>,
-    ) -> Self {
+    pub fn new(fleet: Fleet, wire: Wire, plant: Clock, expected: BTreeMap<String, &'static str>) -> Self {
         let (patience, held, excuses) = (fleet.patience(), Vec::new(), Vec::new());
         Self { fleet, wire, patience, plant, expected, stretch: 0.0..=0.0, held, excuses }
     }
@@ -214,7 +209,7 @@ impl Proof {
     /// The line to the hub is cut for so long that the edge goes on by itself, and comes back.
     fn the_line_is_cut(&mut self, edge: &Daemon, second: &Daemon, id: &str) {
         let name = at_site(id);
-        let (cut, begun, before) = (now(), plant_s(self.plant), latest(edge));
+        let (cut, begun, before) = (now(), self.plant.elapsed(), latest(edge));
         self.fleet.leaves[0].end();
         edge.until("the edge diagnoses by itself", self.patience, |edge| latest(edge) > before);
         edge.until("the edge tells people by itself", self.patience, tells);
@@ -223,10 +218,10 @@ impl Proof {
         let taken = second.ask("POST", &format!("/api/v1/alarms/{id}/out-of-service"), "{\"by\":\"kim\"}");
         assert!(!taken.contains("error"), "the order is given: {taken}");
         until_none("the line is cut for long", self.patience, || {
-            let lasts_s = plant_s(self.plant) - begun;
+            let lasts_s = (self.plant.elapsed() - begun).as_secs_f64();
             if lasts_s >= CUT_S { Vec::new() } else { vec![lasts_s] }
         });
-        let lasted_s = plant_s(self.plant) - begun;
+        let lasted_s = (self.plant.elapsed() - begun).as_secs_f64();
         self.fleet.leaves[0].begin();
         println!("the line was cut for {lasted_s:.0} s of plant time, {:.1} s on the wall", now() - cut);
         self.excuses.push(cut - HEARD_S..=cut + HEARD_S);

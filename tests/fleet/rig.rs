@@ -5,8 +5,7 @@ use crate::nats::Nats;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fmt::{Debug, Write as _};
-use std::io::{Read, Write as _};
-use std::net::{SocketAddr, TcpStream};
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use stictiond::demo::Demo;
@@ -245,16 +244,4 @@ pub fn diagnosed(centre: &Daemon) -> BTreeMap<String, u64> {
     let workers = machines.filter(|own| own["role"] == "worker");
     let count = |own: &Value| own["diagnosed"].as_u64().expect("a number");
     workers.map(|own| (own["name"].as_str().expect("a name").to_string(), count(own))).collect()
-}
-
-/// Plant time since the start of a demo (s), as its own daemon says.
-pub fn plant_s(demo: SocketAddr) -> f64 {
-    let mut stream = TcpStream::connect(demo).expect("it listens");
-    let request = format!("GET /healthz HTTP/1.1\r\nHost: {demo}\r\nConnection: close\r\n\r\n");
-    stream.write_all(request.as_bytes()).expect("it takes a request");
-    let mut answer = String::new();
-    stream.read_to_string(&mut answer).expect("it answers");
-    let (_, body) = answer.split_once("\r\n\r\n").expect("an HTTP answer");
-    let health: Value = serde_json::from_str(body).expect("JSON");
-    health["uptime_s"].as_f64().expect("a number")
 }

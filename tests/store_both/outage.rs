@@ -428,13 +428,16 @@ fn the_commands_work_on_it_by_way_of_the_configuration() {
     let samples = good(0..100).iter().map(dated).collect();
     Store::open(&own).and_then(|mut store| store.write(&batch(&tag("A", "op"), samples))).expect("writes");
     let (code, said) = stictiond(&["check", &config]);
-    assert!(code == Some(0) && said.contains("good, version 2") && said.contains("100 of 1 tags"), "{said}");
+    assert!(
+        code == Some(0) && said.contains("good, version 2") && said.contains("100 from 1 tag,"),
+        "{said}"
+    );
     assert_eq!(stictiond(&["export", &config, &file]).1, format!("{file}: 100 rows\n"));
     let other = path("other.toml");
     std::fs::write(&other, store("another") + plant).expect("writable");
     let (code, out) = stictiond(&["import", &other, &file]);
     assert!(code == Some(0) && out.starts_with(&format!("{file}: 100 samples, read as: ")), "{out}");
-    assert!(stictiond(&["check", &other]).1.contains("100 of 1 tags"));
+    assert!(stictiond(&["check", &other]).1.contains("100 from 1 tag,"));
     let again = path("again.csv");
     place.cluster().end();
     for arguments in [vec!["check", &config], vec!["export", &config, &again], vec!["import", &config, &file]]

@@ -57,32 +57,29 @@ fn is_of(record: &Record, of: usize) -> bool {
 
 #[test]
 fn rows_of_two_loops_are_refused_and_those_of_the_wanted_one_are_read() {
-    for words in [["A", "B"], ["1", "2"], ["North", "South"], ["101A", "101B"], ["FIC101", "FIC102"]] {
-        for name in ["Train", "Id", "x", ""] {
-            for offset in [0.0, 0.7, 1.0] {
-                let rows = in_turn(words, offset);
-                let mut stacked = rows.clone();
-                stacked.sort_by_key(|(_, word, _)| word == words[1]);
-                for rows in [&rows, &stacked] {
-                    for text in [wide(name, rows), long(name, rows)] {
-                        let what = format!("{words:?} under {name:?}, {offset} s later");
-                        let said = record(&text, None).expect_err(&what);
-                        let both = format!(
-                            ": {:?}, {:?}; keep those of one, or say which with --loop",
-                            words[0], words[1]
-                        );
-                        assert!(said.contains(&both), "{what}: {said}");
-                        assert!(
-                            name.is_empty() || said.contains(&format!("several {name:?}")),
-                            "{what}: {said}"
-                        );
-                        let said = record(&text, Some("other")).expect_err(&what);
-                        assert!(said.contains("and none is \"other\" (--loop)"), "{what}: {said}");
-                        for (of, word) in words.iter().enumerate() {
-                            let own =
-                                record(&text, Some(word)).unwrap_or_else(|said| panic!("{what}: {said}"));
-                            assert!(is_of(&own, of), "{what}");
-                        }
+    let all_words = [["A", "B"], ["1", "2"], ["North", "South"], ["101A", "101B"], ["FIC101", "FIC102"]];
+    for (at, words) in all_words.into_iter().enumerate() {
+        for (under, name) in ["Train", "Id", "x", ""].into_iter().enumerate() {
+            // Each offset with each pair of words, and with each name.
+            let offset = [0.0, 0.7, 1.0][(at + under) % 3];
+            let rows = in_turn(words, offset);
+            let mut stacked = rows.clone();
+            stacked.sort_by_key(|(_, word, _)| word == words[1]);
+            for rows in [&rows, &stacked] {
+                for text in [wide(name, rows), long(name, rows)] {
+                    let what = format!("{words:?} under {name:?}, {offset} s later");
+                    let said = record(&text, None).expect_err(&what);
+                    let both = format!(
+                        ": {:?}, {:?}; keep those of one, or say which with --loop",
+                        words[0], words[1]
+                    );
+                    assert!(said.contains(&both), "{what}: {said}");
+                    assert!(name.is_empty() || said.contains(&format!("several {name:?}")), "{what}: {said}");
+                    let said = record(&text, Some("other")).expect_err(&what);
+                    assert!(said.contains("and none is \"other\" (--loop)"), "{what}: {said}");
+                    for (of, word) in words.iter().enumerate() {
+                        let own = record(&text, Some(word)).unwrap_or_else(|said| panic!("{what}: {said}"));
+                        assert!(is_of(&own, of), "{what}");
                     }
                 }
             }
