@@ -8,13 +8,15 @@
 //! | SP | set point |
 //! | MV | measured position of the valve's stem |
 
+mod figures;
 mod moment;
 mod outages;
 mod span;
 
+pub use figures::{along_op, along_op_beside, beside, figures, many, share, share_beside, told, trimmed};
 pub use moment::{is_date, moment};
 pub use outages::{AT_LIMIT, LARGEST_VALUE, Limits, are_measured, is_limit, outages, quantile};
-pub use span::{Scale, SpanSource, along_op, figures, span_at_least, span_of_unit, told, trimmed};
+pub use span::{Scale, SpanSource, span_at_least, span_of_unit};
 use std::borrow::Cow;
 use std::fmt;
 use std::sync::Arc;

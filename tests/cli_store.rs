@@ -57,7 +57,7 @@ fn what_is_exported_can_be_imported_and_checked() {
     let (code, out, _) = run(&["check", &new]);
     assert_eq!(code, Some(0));
     assert!(
-        out.starts_with(&format!("{new}: good, version ")) && out.contains("samples     100 of 1 tags"),
+        out.starts_with(&format!("{new}: good, version ")) && out.contains("samples     100 from 1 tag,"),
         "{out}"
     );
 

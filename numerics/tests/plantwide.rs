@@ -183,8 +183,10 @@ fn a_tight_loop_is_told_so_with_its_true_margins() {
         let found = analyse(&vec![of]);
         let reason = found.loops[0].reason.as_ref().filter(|own| own.cause == Cause::Tuning);
         told += usize::from(reason.is_some());
-        let begins = "too tight: gain margin 1.0, phase margin 3°; it rings with a period of 10 s";
-        assert!(reason.is_none_or(|own| own.why.starts_with(begins)), "{reason:?}");
+        let [begins, goes_on] =
+            ["too tight: gain margin 1.0", ", phase margin 3°; it rings with a period of 10 s"];
+        let is_said = |why: &str| why.starts_with(begins) && why.contains(goes_on);
+        assert!(reason.is_none_or(|own| is_said(&own.why)), "{reason:?}");
 
         // By the model that a diagnosis fits to it.
         let series = |values: &[f64]| -> Vec<Sample> {

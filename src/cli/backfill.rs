@@ -11,8 +11,9 @@ use std::path::PathBuf;
 use stictiond::app::App;
 use stictiond::backfill::{BackfillError, Marked, Past, Timeline, timeline, usual_cut};
 use stictiond::plot::{Panel, Plot, Series, sheet, thin};
+use stictiond::results::f_unit;
 use stictiond::serve::dto::backfill::{BackfillItem, BackfillReport};
-use stictiond::signal::{self, LoopId, Record};
+use stictiond::signal::{self, LoopId, Record, share};
 
 /// Points of a trend in the picture.
 const POINTS: usize = 2000;
@@ -166,8 +167,13 @@ fn page(report: &BackfillReport, (k, n): (usize, usize)) -> String {
     // Writing into a String cannot fail.
     let _ = writeln!(
         out,
-        "{:>10}  {:17} {:>8}  {:17} {:>9} {:>6}  effects",
-        "until", "verdict", "f", "95 %", "evidence", "good"
+        "{:>10}  {:17} {:>12}  {:17} {:>9} {:>6}  effects",
+        "until",
+        "verdict",
+        f_with_unit(report),
+        "95 %",
+        "evidence",
+        "good"
     );
     for item in &report.items {
         let _ = writeln!(out, "{:>10}  {}", since(item.to), line(item));
@@ -216,9 +222,9 @@ fn page(report: &BackfillReport, (k, n): (usize, usize)) -> String {
 fn line(item: &BackfillItem) -> String {
     let number = |v: Option<f64>, digits: usize| v.map_or("-".into(), |v| format!("{v:.digits$}"));
     let interval = item.f_ci95.map_or(String::new(), |[low, high]| format!("{low:.3} … {high:.3}"));
-    let good = item.good_share.map_or("-".into(), |share| format!("{:.1} %", share * 100.0));
+    let good = item.good_share.map_or("-".into(), |good| share(good, 1));
     format!(
-        "{:17} {:>8}  {:17} {:>9} {:>6}  {}",
+        "{:17} {:>12}  {:17} {:>9} {:>6}  {}",
         verdict_words(&item.verdict),
         number(item.f, 3),
         interval,
@@ -226,6 +232,12 @@ fn line(item: &BackfillItem) -> String {
         good,
         if item.verdict == NOT_IDENTIFIABLE { item.reason.clone() } else { item.effects.join(", ") }
     )
+}
+
+/// f with its unit, which is the same in all windows: what is known of OP's span is known of the whole record.
+fn f_with_unit(report: &BackfillReport) -> &'static str {
+    let in_percent = report.items.first().is_none_or(|item| item.f_unit == f_unit(true));
+    if in_percent { "f (% OP)" } else { "f (OP units)" }
 }
 
 /// A verdict as `stictiond diagnose` says it.
@@ -278,7 +290,6 @@ fn picture(
     };
     let series = |name: &str, class, points| Series { name: name.into(), class, points };
     let panel = |y, series: Vec<Series>| Panel { y, log: false, series };
-    let unit = report.items.first().map_or("% OP", |item| &item.f_unit);
     let mut marks = Vec::new();
     for alarm in &report.alarms {
         marks.push((hours(alarm.from), "alarm"));
@@ -297,7 +308,7 @@ fn picture(
             panel("OP (unit of OP)", of(op, "OP", "op")),
             panel("PV (unit of PV)", of(pv, "PV", "pv")),
             panel(
-                if unit == "% OP" { "f (% OP)" } else { "f (OP units)" },
+                f_with_unit(report),
                 vec![
                     series("f", "op", over(&|item| item.f)),
                     series("95 %", "sp", over(&|item| Some(item.f_ci95?[0]))),
@@ -326,6 +337,23 @@ mod tests {
         let one = "no alarm: 1 of 1 windows could be judged, and none of these says that the valve sticks\n";
         assert!(page(&report, (1, 1)).ends_with(one), "{}", page(&report, (1, 1)));
         assert!(page(&report, (3, 4)).contains("and no 3 of 4 of these in a row say"));
+    }
+
+    #[test]
+    fn f_has_its_unit_above_its_column() {
+        let report = |unit: &str| -> BackfillReport {
+            let item = serde_json::json!({"verdict": "stiction", "reason": "", "f": 2.5, "f_unit": unit, "effects": []});
+            let report = serde_json::json!({
+                "loop": "FIC101", "window_s": 7200.0, "step_s": 3600.0, "op_drop_outs": 0, "pv_drop_outs": 0, "alarms": [],
+                "items": [item]
+            });
+            serde_json::from_value(report).expect("a report")
+        };
+        for (unit, above) in [("% OP", "f (% OP)"), ("OP units", "f (OP units)")] {
+            let page = page(&report(unit), (3, 4));
+            let ends = |of: &str| page.lines().find_map(|line| Some(line.find(of)? + of.len()));
+            assert!(ends(above).is_some() && ends(above) == ends("2.500"), "{page}");
+        }
     }
 
     #[test]

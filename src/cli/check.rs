@@ -2,7 +2,6 @@
 
 mod surroundings;
 
-use super::text::many;
 use super::{Failure, print};
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -12,6 +11,7 @@ use stictiond::config::{self, Config, Plant, without_number};
 use stictiond::history::Ring;
 use stictiond::schedule::Clock;
 use stictiond::serve;
+use stictiond::signal::many;
 
 #[derive(clap::Args)]
 pub struct Args {

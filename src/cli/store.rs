@@ -8,6 +8,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use stictiond::config;
 use stictiond::serve::dto::{parse_time, rfc3339};
+use stictiond::signal::many;
 use stictiond::store::archive::{self, ArchiveError, Choice, Format, Gathered, Import, Kind, Place};
 use stictiond::store::{self, Batch, Config, Reader, Store, StoreError};
 use stictiond::table::{self, Found, Options, Source, TableError};
@@ -146,16 +147,18 @@ fn check(folder: &Path, repair: bool) -> Result<(), Failure> {
     // Writing into a String cannot fail.
     let _ = writeln!(
         out,
-        "samples     {} of {} tags, {} bytes in chunks",
-        found.samples, found.tags, found.sample_bytes
+        "samples     {} from {}, {} bytes in chunks",
+        found.samples,
+        many(found.tags, "tag"),
+        found.sample_bytes
     );
     if let Some((first, last)) = found.span {
         let shown = |t: i64| rfc3339(t as f64).unwrap_or_else(|| t.to_string());
         let _ = writeln!(out, "            {} to {}", shown(first), shown(last));
     }
-    let _ = writeln!(out, "trends      {} points", found.points);
+    let _ = writeln!(out, "trends      {}", many(found.points, "point"));
     let _ = writeln!(out, "diagnoses   {}", found.diagnoses);
-    let _ = writeln!(out, "alarms      {} changes", found.transitions);
+    let _ = writeln!(out, "alarms      {}", many(found.transitions, "change"));
     if found.faults.is_empty() {
         return print(&format!("{}: good, version {}\n{out}", folder.display(), found.version));
     }

@@ -29,6 +29,11 @@ pub(super) struct Scaling {
     pub(super) auto_values: Option<Vec<i64>>,
 }
 
+/// The scale where the file has none.
+pub(super) fn unscaled() -> f64 {
+    1.0
+}
+
 impl Scaling {
     /// Everything wrong with it as the file has it, for a tag in this role (`None` for an extra tag).
     pub(super) fn validate(&self, role: Option<Role>) -> Vec<Issue> {

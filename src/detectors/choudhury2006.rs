@@ -24,6 +24,7 @@
 use super::facts::Facts;
 use super::opinion::{Band, Method, Opinion, Says};
 use super::picture::{Layer, Mark, Picture, Tone, excerpt};
+use crate::signal::{beside, share};
 use crate::sysid::stats::{mean, range, sd};
 use realfft::RealFftPlanner;
 
@@ -271,7 +272,7 @@ pub fn opinion(facts: &Facts<'_>) -> Opinion {
         Err(why) => return Opinion::cannot_tell(METHOD, why),
     };
     let Indices { ngi, nli, .. } = evaluated.found;
-    let why = format!("NGI {ngi:.3}, NLI {nli:.3}");
+    let why = format!("NGI {}, NLI {}", BY_NGI.told(ngi, 3), beside(nli, &[LEAST_NLI], 3));
     let opinion = Opinion::of(METHOD, ngi, BY_NGI, format!("{why}: Gaussian, so linear"));
     if opinion.says != Says::Sticks {
         return opinion;
@@ -283,7 +284,7 @@ pub fn opinion(facts: &Facts<'_>) -> Opinion {
     let Some((width, ellipse)) = widths else {
         return opinion.but_cannot_tell(format!("{why}: nonlinear, but PV and OP make no plot"));
     };
-    let share = 100.0 * ellipse / facts.op_range();
-    let why = format!("{why}: nonlinear, apparent stiction {share:.0} % of OP's range by the ellipse");
+    let apparent = share(ellipse / facts.op_range(), 0);
+    let why = format!("{why}: nonlinear, apparent stiction {apparent} of OP's range by the ellipse");
     Opinion { why, ..opinion }.with(width * facts.unit, "apparent stiction, by two branches")
 }

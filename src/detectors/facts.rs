@@ -5,7 +5,7 @@ use super::integration::{Integrates, Integration, Signals, integration};
 use super::oscillation::{Cycle, REGULAR, cycle};
 use crate::diagnosis::region::{self, Region};
 use crate::diagnosis::{NotIdentifiable, Verdict};
-use crate::signal::Window;
+use crate::signal::{Window, beside, share_beside};
 use crate::sysid::stats::{mean, normalised, sd};
 use crate::sysid::valve::Start;
 
@@ -114,7 +114,8 @@ impl<'a> Facts<'a> {
         let Cycle { period, regularity } = found;
         if regularity <= REGULAR {
             return Err(format!(
-                "OP oscillates irregularly: r is {regularity:.2} at best, and more than {REGULAR} is regular"
+                "OP oscillates irregularly: r is {} at best, and more than {REGULAR} is regular",
+                beside(regularity, &[REGULAR], 2)
             ));
         }
         if period < SHORTEST_PERIOD {
@@ -131,8 +132,8 @@ impl<'a> Facts<'a> {
         let missing = self.window.missing();
         if missing > MOST_MISSING {
             return Err(format!(
-                "{:.0} % of the samples are missing, and this method cannot leave them out",
-                100.0 * missing
+                "{} of the samples are missing, and this method cannot leave them out",
+                share_beside(missing, &[MOST_MISSING], 0)
             ));
         }
         Ok(())
@@ -242,6 +243,9 @@ mod tests {
         let mut facts = Facts::new(&window, Some(false)).expect("both move");
         facts.oscillation = Some(Cycle { period: 60.0, regularity: 0.594 });
         let said = "OP oscillates irregularly: r is 0.59 at best, and more than 1 is regular";
+        assert_eq!(facts.oscillates(), Err(said.to_string()));
+        facts.oscillation = Some(Cycle { period: 60.0, regularity: 0.998 });
+        let said = "OP oscillates irregularly: r is 0.998 at best, and more than 1 is regular";
         assert_eq!(facts.oscillates(), Err(said.to_string()));
     }
 

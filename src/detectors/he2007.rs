@@ -114,7 +114,8 @@ pub fn opinion(facts: &Facts<'_>) -> Opinion {
     match evaluate(facts) {
         Ok(found) => {
             let index = found.index();
-            let why = format!("{} half cycles of {}: SI {index:.2}", found.halves.len(), found.name);
+            let (count, told) = (found.halves.len(), BAND.told(index, 2));
+            let why = format!("{count} half cycles of {}: SI {told}", found.name);
             Opinion::of(METHOD, index, BAND, why)
         }
         Err(why) => Opinion::cannot_tell(METHOD, why),

@@ -142,7 +142,7 @@ pub fn opinion(facts: &Facts<'_>) -> Opinion {
     let Some(Shape { by_height, by_time }) = found.shape() else {
         return Opinion::cannot_tell(METHOD, "the cross-correlation does not cross zero within a period");
     };
-    let why = format!("d_tau {by_time:.2}, d_rho {by_height:.2}");
+    let why = format!("d_tau {}, d_rho {}", BY_TIME.told(by_time, 2), BY_HEIGHT.told(by_height, 2));
     let opinion = Opinion::of(METHOD, by_time, BY_TIME, why.clone());
     let other = BY_HEIGHT.says(by_height);
     if opinion.says != other && opinion.says != Says::CannotTell {

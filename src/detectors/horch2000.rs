@@ -150,7 +150,8 @@ pub fn opinion(facts: &Facts<'_>) -> Opinion {
     match evaluate(facts) {
         Ok(found) => {
             let index = found.index;
-            let why = format!("camel's share of the misfit to PV's second derivative {index:.2}");
+            let told = BAND.told(index, 2);
+            let why = format!("camel's share of the misfit to PV's second derivative {told}");
             Opinion::of(METHOD, index, BAND, why)
         }
         Err(why) => Opinion::cannot_tell(METHOD, why),

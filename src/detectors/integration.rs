@@ -16,6 +16,7 @@
 //! `numerics/examples/opinions -- --calibrate`.
 
 use super::opinion::Band;
+use crate::signal::share_beside;
 use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, substitute, total};
 use crate::sysid::stats::range;
 use crate::sysid::valve::{Start, ValveModel};
@@ -67,14 +68,16 @@ impl Integration {
             None => "it is not known whether the process integrates".into(),
             Some(_) if self.fit < LEAST_FIT => {
                 format!(
-                    "OP explains {:.0} % of PV's changes: whether the process integrates is not known",
-                    100.0 * self.fit
+                    "OP explains {} of PV's changes: whether the process integrates is not known",
+                    share_beside(self.fit, &[LEAST_FIT], 0)
                 )
             }
             Some(lag) if lag < LEAST_LAG => {
                 "PV does not answer OP as a process would: whether it integrates is not known".into()
             }
-            Some(lag) => format!("whether the process integrates is not clear: 1/(w tau) is {lag:.2}"),
+            Some(lag) => {
+                format!("whether the process integrates is not clear: 1/(w tau) is {}", BAND.told(lag, 2))
+            }
         }
     }
 }

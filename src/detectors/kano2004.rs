@@ -109,7 +109,7 @@ pub fn opinion_a(facts: &Facts<'_>) -> Opinion {
         Ok(found) => found,
         Err(why) => return Opinion::cannot_tell(METHOD, why),
     };
-    let why = format!("{name} stands still and OP moves for {:.0} % of the time", 100.0 * index);
+    let why = format!("{name} stands still and OP moves for {} of the time", BAND_A.told_in_percent(index));
     Opinion::of(METHOD, index, BAND_A, why)
         .with(s * facts.unit, "mean movement of OP while the stem stands still")
 }
@@ -212,7 +212,7 @@ pub fn opinion_b(facts: &Facts<'_>) -> Opinion {
         Ok(found) => found,
         Err(why) => return Opinion::cannot_tell(METHOD, why),
     };
-    let why =
-        format!("a parallelogram explains {:.0} % of what a line of OP and {name} leaves", 100.0 * index);
+    let explained = BAND_B.told_in_percent(index);
+    let why = format!("a parallelogram explains {explained} of what a line of OP and {name} leaves");
     Opinion::of(METHOD, index, BAND_B, why).with(s * facts.unit, "dead band plus stick band S")
 }

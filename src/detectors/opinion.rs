@@ -1,5 +1,7 @@
 //! The opinion of one method on a valve: its answer, its index and thresholds, and its reason.
 
+use crate::signal::{beside, share_beside};
+
 /// A method of the literature.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Method {
@@ -128,6 +130,16 @@ impl Band {
     /// A threshold above which a valve sticks, of an index that never says that a valve is sound.
     pub const fn above(sticks: f64) -> Self {
         Self { sound: f64::NEG_INFINITY, sticks }
+    }
+
+    /// An index in a sentence: with so many decimals, and with as many more as show on which side of the thresholds it is.
+    pub fn told(self, index: f64, decimals: usize) -> String {
+        beside(index, &[self.sound, self.sticks], decimals)
+    }
+
+    /// [`Band::told`] of an index that is a share: in whole per cent.
+    pub fn told_in_percent(self, index: f64) -> String {
+        share_beside(index, &[self.sound, self.sticks], 0)
     }
 
     /// The answer for an index.

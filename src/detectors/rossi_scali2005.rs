@@ -115,12 +115,8 @@ pub fn opinion(facts: &Facts<'_>) -> Opinion {
     match evaluate(facts) {
         Ok(found) => {
             let index = found.index();
-            Opinion::of(
-                METHOD,
-                index,
-                BAND,
-                format!("{} half cycles of PV: S_I {index:.2}", found.halves.len()),
-            )
+            let why = format!("{} half cycles of PV: S_I {}", found.halves.len(), BAND.told(index, 2));
+            Opinion::of(METHOD, index, BAND, why)
         }
         Err(why) => Opinion::cannot_tell(METHOD, why),
     }

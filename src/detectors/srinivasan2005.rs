@@ -211,6 +211,6 @@ pub fn opinion_d(facts: &Facts<'_>) -> Opinion {
         Err(why) => return Opinion::cannot_tell(METHOD, why),
     };
     let index = d / (facts.op_range() * facts.unit);
-    Opinion::of(METHOD, index, BY_D, format!("d is {:.0} % of OP's range", 100.0 * index))
+    Opinion::of(METHOD, index, BY_D, format!("d is {} of OP's range", BY_D.told_in_percent(index)))
         .with(d, "stick band d")
 }

@@ -20,7 +20,7 @@
 use super::facts::Facts;
 use super::opinion::{Band, Method, Opinion};
 use super::picture::{Layer, Picture, Tone, excerpt};
-use crate::signal::Row;
+use crate::signal::{Row, share_beside};
 use crate::sysid::least_squares::{dot, total};
 use crate::sysid::stats::mean;
 use crate::sysid::valve::{StopRule, ValveModel};
@@ -173,18 +173,17 @@ pub fn opinion(facts: &Facts<'_>) -> Opinion {
     };
     let found = fit(facts, stem);
     if found.left > MOST_LEFT {
-        let left = 100.0 * found.left;
-        let why = format!(
-            "neither OP nor a valve behind it moves the stem: they leave {left:.0} % of its variance"
-        );
+        let left = share_beside(found.left, &[MOST_LEFT], 0);
+        let why =
+            format!("neither OP nor a valve behind it moves the stem: they leave {left} of its variance");
         return Opinion::cannot_tell(METHOD, why);
     }
     let percent = 100.0 / facts.op_range();
     let why = format!(
-        "S {:.0} and J {:.0} % of OP's range explain {:.0} % of what a line of OP and stem leaves",
+        "S {:.0} and J {:.0} % of OP's range explain {} of what a line of OP and stem leaves",
         found.s * percent,
         found.j * percent,
-        100.0 * found.index
+        BAND.told_in_percent(found.index)
     );
     Opinion::of(METHOD, found.index, BAND, why).with(found.s * facts.unit, "dead band plus stick band S")
 }

@@ -178,9 +178,9 @@ pub fn opinion(facts: &Facts<'_>) -> Opinion {
     match Shares::of(&found.states) {
         Some(Shares { rho_1, rho_2, rho_3 }) => {
             let name = found.name;
-            let why = format!(
-                "OP moves and {name} is steady: rho_1 {rho_1:.2}, rho_2 {rho_2:.2}, rho_3 {rho_3:.2}"
-            );
+            let told = BAND.told(rho_3, 2);
+            let why =
+                format!("OP moves and {name} is steady: rho_1 {rho_1:.2}, rho_2 {rho_2:.2}, rho_3 {told}");
             Opinion::of(METHOD, rho_3, BAND, why)
         }
         None => Opinion::cannot_tell(METHOD, "nothing moves"),

@@ -13,7 +13,7 @@
 //!
 //! Means over blocks that do not overlap leave no trace, and are not recognised.
 
-use crate::signal::{Role, Sample};
+use crate::signal::{Role, Sample, share};
 use crate::sysid::stats::{median, quantile};
 use std::fmt;
 
@@ -114,20 +114,20 @@ impl fmt::Display for HistoryFound {
         match self.kind {
             HistoryKind::SwingingDoor => write!(
                 out,
-                "{tag}: stamps irregular for {:.0} % of the samples, and only {:.1} % of them near the line through their neighbours",
-                a * 100.0,
-                b * 100.0
+                "{tag}: stamps irregular for {} of the samples, and only {} of them near the line through their neighbours",
+                share(a, 0),
+                share(b, 1)
             ),
             HistoryKind::Exception => write!(
                 out,
-                "{tag}: stamps irregular for {:.0} % of the samples, and no change below {b:.3}",
-                a * 100.0
+                "{tag}: stamps irregular for {} of the samples, and no change below {b:.3}",
+                share(a, 0)
             ),
             HistoryKind::Interpolated => {
-                write!(out, "{tag}: {:.0} % of the samples on {b:.0} straight lines", a * 100.0)
+                write!(out, "{tag}: {} of the samples on {b:.0} straight lines", share(a, 0))
             }
             HistoryKind::Held => {
-                write!(out, "{tag}: {:.0} % of the changes at every {b:.0}th sample", a * 100.0)
+                write!(out, "{tag}: {} of the changes at every {b:.0}th sample", share(a, 0))
             }
             HistoryKind::Averaged => {
                 write!(

@@ -1,6 +1,6 @@
 //! Why a record says nothing about the valve: the reasons, their machine-readable codes, and the sentence that an operator reads.
 
-use crate::signal::{Role, figures, moment};
+use crate::signal::{Role, figures, moment, share as told_share};
 use std::fmt;
 
 /// Fewest large extrema of OP in the window: those of two periods.
@@ -154,10 +154,10 @@ impl fmt::Display for NotIdentifiable {
             Self::TooShort { n, need } => write!(out, "too short: {n} usable samples, {need} needed"),
             Self::NoTimeBase => write!(out, "no time base: the stamps give no sampling period"),
             Self::Gaps { share } => {
-                let share = share * 100.0;
+                let missing = told_share(*share, 0);
                 write!(
                     out,
-                    "gaps: {share:.0} % of the samples are missing or bad: too many, or too few are left together"
+                    "gaps: {missing} of the samples are missing or bad: too many, or too few are left together"
                 )
             }
             Self::Silent { tag, since } => {
@@ -166,9 +166,9 @@ impl fmt::Display for NotIdentifiable {
             }
             Self::ReadApart { share } => write!(
                 out,
-                "read apart: OP and PV are not read at the same time in {:.0} % of the rows, and the controller acts in between: read both \
-                 in one request",
-                share * 100.0
+                "read apart: OP and PV are not read at the same time in {} of the rows, and the controller acts in between: read both in one \
+                 request",
+                told_share(*share, 0)
             ),
             Self::TsTooShort { ts, samples_s } => write!(
                 out,
@@ -183,21 +183,21 @@ impl fmt::Display for NotIdentifiable {
                 "flat PV: the process variable stands still for most of the window, or its source marks it as stale"
             ),
             Self::Saturated { share } => {
-                write!(out, "saturated: OP at a limit for {:.0} % of the window", share * 100.0)
+                write!(out, "saturated: OP at a limit for {} of the window", told_share(*share, 0))
             }
             Self::Manual { share_auto } if *share_auto == 0.0 => write!(out, "manual: never in automatic"),
             Self::Manual { share_auto } => {
                 write!(
                     out,
-                    "manual: in automatic for {:.0} % of the window, and never for long enough at a time",
-                    share_auto * 100.0
+                    "manual: in automatic for {} of the window, and never for long enough at a time",
+                    told_share(*share_auto, 0)
                 )
             }
             Self::ModeUnknown { share } => write!(
                 out,
-                "mode unknown: the mode cannot be read for {:.0} % of the window, and the loop is not known to be in automatic for long \
+                "mode unknown: the mode cannot be read for {} of the window, and the loop is not known to be in automatic for long \
                  enough at a time",
-                share * 100.0
+                told_share(*share, 0)
             ),
             Self::NotExcited { reversals: 0 } => {
                 write!(

@@ -21,7 +21,7 @@ use super::search::{CellPoint, GridPoint, Holes, LEAST_REVERSALS, Problem, Refin
 use super::settings::Settings;
 use super::undersampling::too_few;
 use super::{armax, validation};
-use crate::signal::{Record, Row, Window, along_op, span_at_least, told};
+use crate::signal::{Record, Row, Window, along_op, along_op_beside, beside, span_at_least, told};
 use crate::sysid::stats::{mean, median, normalised, quantile, range, sd};
 use crate::sysid::valve::model_error::with_model_error;
 
@@ -80,28 +80,54 @@ pub fn bare_reason(found: &Diagnosis, span: Option<f64>) -> &str {
     bound.and_then(|bound| reason.strip_suffix(bound.as_str())).unwrap_or(reason)
 }
 
-/// The reason of `no_stiction` where the evidence for friction is enough: f is below its threshold, or its interval reaches 0.
-///
-/// * `evidence`: `delta_aic` (-).
-/// * `[f, low]`: f, and the lower end of its interval (OP unit).
-/// * `span`: the span of OP, where it is known (OP unit).
-pub fn not_told(evidence: f64, [f, low]: [f64; 2], span: Option<f64>) -> String {
-    let but = match low > 0.0 {
-        true => format!("its f of {} is too small to matter", along_op(f, span)),
-        false => "f may be 0".to_string(),
-    };
-    format!("friction predicts PV better, evidence {evidence:.0}, but {but}")
+/// The thresholds of a verdict. Sentences give a number with as many digits as show on which side of its threshold it is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Thresholds {
+    /// Of the evidence, `delta_aic` (-).
+    pub evidence: f64,
+    /// Of f (OP unit).
+    pub f: f64,
 }
 
-/// The reason of `no_stiction` where the evidence for friction is too small.
-///
-/// * `evidence`: `delta_aic` (-); below 0 it is 0.
-/// * `least`: the threshold of the evidence (-).
-pub fn too_little(evidence: f64, least: f64) -> String {
-    // Rounded down, because 19.7 is not 20 of the 20 that are needed.
-    match evidence.max(0.0).floor() {
-        0.0 => "nothing speaks for friction, evidence 0".to_string(),
-        some => format!("too little speaks for friction, evidence {some:.0} of {least:.0}"),
+impl Thresholds {
+    /// The evidence in a sentence.
+    fn told(&self, evidence: f64) -> String {
+        format!("evidence {}", beside(evidence, &[self.evidence], 0))
+    }
+
+    /// The reason of `stiction`.
+    ///
+    /// * `evidence`: `delta_aic` (-).
+    /// * `f`: friction, and `[low, high]`: its interval (OP unit).
+    /// * `span`: the span of OP, where it is known (OP unit).
+    pub fn sticks(&self, evidence: f64, f: f64, [low, high]: [f64; 2], span: Option<f64>) -> String {
+        let per = span.map_or(1.0, |span| 100.0 / span);
+        let [low, high] = [low, high].map(|f| told(per * f));
+        let f = along_op_beside(f, &[self.f], span);
+        format!("f = {f} [{low}, {high}], {}", self.told(evidence))
+    }
+
+    /// The reason of `no_stiction` where the evidence for friction is enough: f is below its threshold, or its interval reaches 0.
+    ///
+    /// * `evidence`: `delta_aic` (-).
+    /// * `[f, low]`: f, and the lower end of its interval (OP unit).
+    /// * `span`: the span of OP, where it is known (OP unit).
+    pub fn not_told(&self, evidence: f64, [f, low]: [f64; 2], span: Option<f64>) -> String {
+        let but = match low > 0.0 {
+            true => format!("its f of {} is too small to matter", along_op_beside(f, &[self.f], span)),
+            false => "f may be 0".to_string(),
+        };
+        format!("friction predicts PV better, {}, but {but}", self.told(evidence))
+    }
+
+    /// The reason of `no_stiction` where the evidence for friction is too small.
+    ///
+    /// * `evidence`: `delta_aic` (-); below 0 it is 0.
+    pub fn too_little(&self, evidence: f64) -> String {
+        if evidence < 1.0 {
+            return "nothing speaks for friction, evidence 0".to_string();
+        }
+        format!("too little speaks for friction, {} of {}", self.told(evidence), self.evidence)
     }
 }
 
@@ -214,7 +240,8 @@ fn judge(record: &Record, gated: &Gated, settings: &Settings) -> Diagnosis {
         f: sticky.f * scale.u,
         low: interval_with_unseen(problem, &preparation, &cells, sticky)[0] * scale.u,
     });
-    let reason = explain(&verdict, &estimate, tried, settings.evidence_threshold, span);
+    let least = Thresholds { evidence: settings.evidence_threshold, f: preparation.f_threshold };
+    let reason = explain(&verdict, &estimate, tried, least, span);
     let residual = Some(validation::validate(problem, &chosen, scale.y));
     Diagnosis {
         verdict,
@@ -426,38 +453,34 @@ struct Tried<'a> {
 /// The reason of a verdict in one line, as an operator reads it.
 ///
 /// * `tried`: the sticky model, where OP reverses enough for one.
-/// * `least`: the threshold of the evidence (-).
 /// * `span`: the span of OP, where it is known (OP unit).
 fn explain(
     verdict: &Verdict,
     e: &Estimate,
     tried: Option<Tried<'_>>,
-    least: f64,
+    least: Thresholds,
     span: Option<f64>,
 ) -> String {
     let bound = could_be_hidden(e.f_ci95[1], span);
     let Some(Tried { evidence: w, f, low }) = tried else {
         return format!("OP never reverses by enough for friction to hold the stem{bound}");
     };
-    // The published evidence: below 0 it is 0.
-    let evidence = format!("evidence {:.0}", e.delta_aic);
     if *verdict == Verdict::Stiction {
-        let (per, unit) = span.map_or((1.0, " OP"), |span| (100.0 / span, " % OP"));
-        let [f, low, high] = [e.f, e.f_ci95[0], e.f_ci95[1]].map(|f| told(f * per));
-        return format!(
-            "f = {f}{unit} [{low}, {high}], {evidence}; next best explanation: {}",
-            w.rival.name()
-        );
+        let sticks = least.sticks(e.delta_aic, e.f, e.f_ci95, span);
+        return format!("{sticks}; next best explanation: {}", w.rival.name());
     }
-    let is_enough = w.delta_aic > least;
+    // The published evidence: below 0 it is 0.
+    let evidence = least.told(e.delta_aic);
+    let is_enough = w.delta_aic > least.evidence;
     let why = if !is_enough && w.rival != Rival::Linear {
         format!("{} explains the record about as well as friction, {evidence}", w.rival.name())
     } else if w.steadiness <= STEADY {
-        format!("no steady gain from friction, {evidence}, steadiness {:.1}", w.steadiness)
+        let steadiness = beside(w.steadiness, &[STEADY], 1);
+        format!("no steady gain from friction, {evidence}, steadiness {steadiness}")
     } else if is_enough {
-        not_told(e.delta_aic, [f, low], span)
+        least.not_told(e.delta_aic, [f, low], span)
     } else {
-        too_little(e.delta_aic, least)
+        least.too_little(e.delta_aic)
     };
     why + &bound
 }
@@ -478,4 +501,4 @@ fn refused(
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -23,7 +23,7 @@ mod open_loop;
 mod set_point;
 
 use crate::diagnosis::Model;
-use crate::signal::Window;
+use crate::signal::{Window, beside};
 use controller::controller;
 use nalgebra::Complex;
 use open_loop::OpenLoop;
@@ -81,11 +81,14 @@ impl Margins {
         }
     }
 
-    /// In words, as `gain margin 1.3, phase margin 17°`.
+    /// In words, as `gain margin 1.3, phase margin 17°`: with as many digits as show on which side each is of a usual margin, and of
+    /// none.
     pub fn words(&self) -> String {
-        let gain = self.gain.map(|gain| format!("gain margin {gain:.1}"));
+        let ((least, most), (from, to)) = (USUAL_GAIN, USUAL_PHASE);
+        let gain = self.gain.map(|gain| format!("gain margin {}", beside(gain, &[1.0, least, most], 1)));
         // No minus before a zero.
-        let phase = self.phase_deg.map(|phase| format!("phase margin {:.0}°", phase.round() + 0.0));
+        let told = |phase: f64| beside(phase + 0.0, &[0.0, from, to], 0);
+        let phase = self.phase_deg.map(|phase| format!("phase margin {}°", told(phase)));
         gain.into_iter().chain(phase).collect::<Vec<String>>().join(", ")
     }
 

@@ -19,6 +19,7 @@
 use super::groups::Group;
 use super::signs::{SIGNS, Signs};
 use super::{LoopFound, sensor, tuning};
+use crate::signal::share;
 
 /// A cause.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -237,7 +238,7 @@ pub fn period(s: f64) -> String {
 fn why(cause: Cause, of: &LoopFound) -> String {
     let (i, signs) = (&of.indicators, &of.signs);
     let swing = of.oscillations.first().map(|own| format!("with a period of {}", period(own.period_s)));
-    let percent = |x: f64| format!("{:.0} %", 100.0 * x);
+    let percent = |part: f64| share(part, 0);
     let stands = i.stuck.filter(|share| *share > 0.05);
     match (cause, swing) {
         (Cause::Valve, swing) => match (stands, swing) {
@@ -285,7 +286,7 @@ const IN_MANUAL: f64 = 0.5;
 const LIMITS: usize = 0;
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::indicators::Indicators;
     use crate::indicators::harris::Harris;
@@ -427,9 +428,9 @@ mod tests {
         );
     }
 
-    #[test]
-    fn a_swing_is_said_where_there_is_one() {
-        let swing = Oscillation {
+    /// A swing with a period of a minute.
+    pub(in crate::plantwide) fn swing() -> Oscillation {
+        Oscillation {
             period_s: 60.0,
             regularity: 2.0,
             lasting: 1.0,
@@ -438,9 +439,13 @@ mod tests {
             steadiness: 0.9,
             periods: 20.0,
             amplitude: 1.0,
-        };
+        }
+    }
+
+    #[test]
+    fn a_swing_is_said_where_there_is_one() {
         let still = LoopFound::default();
-        let of = LoopFound { oscillations: vec![swing], ..LoopFound::default() };
+        let of = LoopFound { oscillations: vec![swing()], ..LoopFound::default() };
         for (cause, swings, is_still) in [
             (
                 Cause::Valve,

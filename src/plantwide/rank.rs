@@ -34,6 +34,7 @@ use super::lag::delay;
 use super::signs::{PURE, whole};
 use super::spectra::{Spectra, power};
 use super::{LoopFound, Plant};
+use crate::signal::share;
 use crate::sysid::spectrum::Transforms;
 use crate::sysid::stats::mean;
 use nalgebra::Complex;
@@ -116,24 +117,24 @@ fn evidence(signs: &[f64; SIGNS], average: &[f64], at: usize, found: &[LoopFound
     let mut for_it: Vec<(f64, usize)> =
         (0..SIGNS).map(|k| (WEIGHTS[k] * (signs[k] - average[k]), k)).filter(|e| e.0 > 0.1).collect();
     for_it.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let harmonics = |sign: f64| 100.0 * (sign.exp() - PURE).max(0.0);
+    let harmonics = |sign: f64| share((sign.exp() - PURE).max(0.0), 1);
     let is_master = || found.iter().any(|of| of.master == Some(at));
     let say = |k: usize| {
         Some(match k {
             0 if signs[0] > -0.01 => "no other loop has as large a share of its PV in this swing".to_string(),
             0 => format!(
-                "it swings {:.0} % as much as the loop with the largest share of its PV in this swing",
-                100.0 * signs[0].exp()
+                "it swings {} as much as the loop with the largest share of its PV in this swing",
+                share(signs[0].exp(), 0)
             ),
             1 => format!(
-                "PV's swing is less like a sine than the others': its harmonics have {:.1} % of its power",
+                "PV's swing is less like a sine than the others': its harmonics have {} of its power",
                 harmonics(signs[1])
             ),
             2 => format!(
-                "OP's swing is more like a sine than the others': its harmonics have {:.1} % of its power",
+                "OP's swing is more like a sine than the others': its harmonics have {} of its power",
                 harmonics(signs[2])
             ),
-            3 => format!("PV stands still for {:.0} % of the time while OP moves", 100.0 * signs[3]),
+            3 => format!("PV stands still for {} of the time while OP moves", share(signs[3], 0)),
             4 if signs[4] < TOLD => return None,
             4 => format!("it swings {:.2} periods before the others", signs[4]),
             5 if is_master() => return None,
@@ -302,6 +303,25 @@ mod tests {
         }
         let found = analyse(&plant);
         assert_eq!((found.groups.len(), found.groups[0].suspects.len(), tasks(&found).len()), (1, 0, 0));
+    }
+
+    #[test]
+    fn harmonics_that_are_next_to_nothing_are_not_told_as_none() {
+        let told = |power: f64| {
+            let mut signs = [0.0; SIGNS];
+            signs[2] = (PURE + power).ln();
+            // OP of the others is far from a sine.
+            let mut average = signs;
+            average[2] += 10.0;
+            evidence(&signs, &average, 0, &[LoopFound::default()])
+        };
+        let says = |share: &str| {
+            vec![format!(
+                "OP's swing is more like a sine than the others': its harmonics have {share} of its power"
+            )]
+        };
+        assert_eq!(told(0.0003), says("less than 0.1 %"));
+        assert_eq!(told(0.003), says("0.3 %"));
     }
 
     #[test]

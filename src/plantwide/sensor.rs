@@ -12,6 +12,7 @@
 
 use super::LoopFound;
 use super::signs::HELD;
+use crate::signal::{beside, share};
 use std::f64::consts::FRAC_2_SQRT_PI;
 
 /// Range of OP below which a common positioner does not move the valve (% of its span): the dead band as delivered, which is 0.5 % of
@@ -68,7 +69,7 @@ fn unfelt(of: &LoopFound) -> Option<f64> {
 
 /// The sentence.
 pub(super) fn why(of: &LoopFound) -> String {
-    let percent = |share: f64| format!("{:.0} %", 100.0 * share);
+    let percent = |part: f64| share(part, 0);
     match Fault::of(of) {
         Fault::Held(share) => format!(
             "PV does not change at all for {} of the time without a break, and the controller is blind meanwhile: check the transmitter, \
@@ -109,7 +110,8 @@ pub(super) fn why(of: &LoopFound) -> String {
 fn with_cost(of: &LoopFound, seen: &str, what: &str, remedy: &str) -> String {
     if let Some(range) = unfelt(of) {
         return format!(
-            "{seen}, but OP stays within {range:.2} % of its span, which a common positioner does not follow: it costs the valve nothing"
+            "{seen}, but OP stays within {} % of its span, which a common positioner does not follow: it costs the valve nothing",
+            beside(range, &[DEAD_BAND], 2)
         );
     }
     let jump = of.op_spread.map(|op| FRAC_2_SQRT_PI * op.finest).filter(|jump| *jump >= TOLD);

@@ -52,12 +52,12 @@ impl Part {
         }
     }
 
-    /// What its loops have in common, below the heading; empty for the first part.
-    pub fn note(self) -> &'static str {
+    /// What its loops have in common, below the heading; nothing for the first part.
+    pub fn note(self) -> Option<&'static str> {
         match self {
-            Part::First => "",
-            Part::Perhaps => "less likely than 80 %, or nothing to gain: look before you order work",
-            Part::Unknown => "nothing to order yet",
+            Part::First => None,
+            Part::Perhaps => Some("less likely than 80 %, or nothing to gain: look before you order work"),
+            Part::Unknown => Some("nothing to order yet"),
         }
     }
 }

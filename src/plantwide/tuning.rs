@@ -49,7 +49,7 @@ pub fn why(of: &LoopFound) -> String {
 mod tests {
     use super::*;
     use crate::indicators::harris::Harris;
-    use crate::indicators::oscillation::Oscillation;
+    use crate::plantwide::cause::tests::swing;
 
     fn margins(gain: f64, phase_deg: f64) -> Option<Margins> {
         Some(Margins { gain: Some(gain), phase_deg: Some(phase_deg), ..Margins::default() })
@@ -61,18 +61,8 @@ mod tests {
 
     #[test]
     fn margins_say_which_tuning_it_is_and_what_they_contradict() {
-        let swing = Oscillation {
-            period_s: 60.0,
-            regularity: 2.0,
-            lasting: 1.0,
-            share: 0.8,
-            share_of_fast: 0.8,
-            steadiness: 0.7,
-            periods: 20.0,
-            amplitude: 1.0,
-        };
         let of = |margins, rings: bool| {
-            let oscillations = if rings { vec![swing] } else { Vec::new() };
+            let oscillations = if rings { vec![swing()] } else { Vec::new() };
             why(&LoopFound { margins, oscillations, ..LoopFound::default() })
         };
         assert_eq!((of(None, true).as_str(), of(None, false).as_str()), (RINGS, CREEPS));

@@ -85,8 +85,8 @@ impl Kind {
         matches!(self, Kind::AsymmetricFriction | Kind::FrictionDrift)
     }
 
-    /// Whether it is about the valve, or about how the process answers the valve.
-    pub fn is_of_the_valve(self) -> bool {
+    /// Whether it acts between OP and PV: on the valve, or on how the process answers the valve.
+    pub fn is_between_op_and_pv(self) -> bool {
         use Kind::*;
         matches!(
             self,
@@ -257,6 +257,17 @@ impl Test {
     }
 }
 
+/// The stretch of the record that was traced. It may be longer than the diagnosed window, or shorter.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Traced {
+    /// Time of the first sample (s).
+    pub start: f64,
+    /// Time of the last sample (s).
+    pub end: f64,
+    /// Number of samples.
+    pub n: usize,
+}
+
 /// Signals to draw, one value per sample of the traced window (PV unit).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Curves {
@@ -352,6 +363,8 @@ pub struct Structure {
 /// All findings of tracing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Findings {
+    /// The stretch of the record in which effects were looked for: the time of an effect may lie outside of the diagnosed window.
+    pub traced: Traced,
     /// The effects: first the faults of the data, then the others in the order they were added.
     pub effects: Vec<Effect>,
     /// The kinds that were selected and then rejected: by the held-out samples, or because PV follows OP beyond a stop.

@@ -37,7 +37,7 @@ pub struct Fitted {
     pub hypothesis: Hypothesis,
     /// Its linear part.
     pub model: Armax,
-    /// Its score (see [`criterion`]); minus infinity where it has positive feedback but is about the valve.
+    /// Its score (see [`criterion`]); minus infinity where it has positive feedback but is about what is between OP and PV.
     pub score: f64,
 }
 
@@ -45,7 +45,7 @@ impl Fitted {
     fn new(data: &IdData, mut hypothesis: Hypothesis, model: Armax) -> Self {
         hypothesis.set_smooth(&model.theta);
         let score = scored(data, &hypothesis, model.log_likelihood);
-        let is_impossible = hypothesis.is_of_the_valve() && has_positive_feedback(data, &model);
+        let is_impossible = hypothesis.is_between_op_and_pv() && has_positive_feedback(data, &model);
         let score = if is_impossible { f64::NEG_INFINITY } else { score };
         Self { hypothesis, model, score }
     }

@@ -59,10 +59,10 @@ impl Hypothesis {
         self.effects.iter().any(|effect| effect.kind() == kind)
     }
 
-    /// Whether it is about the valve, or about how the process answers the valve. Such a hypothesis is wrong where its model has
-    /// positive feedback, because that loop would run away.
-    pub fn is_of_the_valve(&self) -> bool {
-        self.valve.is_some() || self.effects.iter().any(|effect| effect.kind().is_of_the_valve())
+    /// Whether friction or an effect acts between OP and PV: on the valve, or on how the process answers the valve. Such a hypothesis
+    /// is wrong where its model has positive feedback, because that loop would run away.
+    pub fn is_between_op_and_pv(&self) -> bool {
+        self.valve.is_some() || self.effects.iter().any(|effect| effect.kind().is_between_op_and_pv())
     }
 
     /// The valve as the effects change it.

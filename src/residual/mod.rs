@@ -69,6 +69,7 @@ pub use confirm::{LASTS_S, confirm, confirm_gated};
 pub use continuation::{Continuation, trace_continued};
 pub use findings::{
     Curves, Described, Effect, Evidence, Findings, Friction, Kind, Lasting, Parameter, Stem, Structure, Test,
+    Traced,
 };
 pub use settings::Settings;
 pub use trace::Row;

@@ -8,7 +8,7 @@ use super::checks;
 use super::data_quality::Fact;
 use super::detectable::detectable;
 use super::effect::EffectModel;
-use super::findings::{Curves, Described, Effect, Evidence, Findings, Kind, Lasting, Structure};
+use super::findings::{Curves, Described, Effect, Evidence, Findings, Kind, Lasting, Structure, Traced};
 use super::fit::{Fitted, fit_anew};
 use super::held_out::{Validation, held_out_gain, validate};
 use super::hypothesis::{Hypothesis, direct_lags};
@@ -113,6 +113,7 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> R
     let structure = structure.map(|found| Structure { asked: answer.asked, failed: failed.clone(), ..found });
     let slip_jump = answer.tells_stiction().then_some(slip_jump);
     let findings = Findings {
+        traced: traced(&data),
         effects: effects(&data, &best, facts, added, slip_jump),
         rejected,
         candidates,
@@ -132,6 +133,11 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> R
         structure,
     };
     Report { findings, before: (recorded, declared), after: (data, best) }
+}
+
+/// The stretch of the record that was traced: the rows of the window, fitted or held out.
+fn traced(data: &IdData) -> Traced {
+    Traced { start: data.time(0.0), end: data.time(data.len().saturating_sub(1) as f64), n: data.len() }
 }
 
 /// Measured PV, free runs and residuals (PV unit), before and after.

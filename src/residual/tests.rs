@@ -7,9 +7,9 @@ use super::verdict::{Answer, Question};
 use super::*;
 use crate::diagnosis::rivals::Rival;
 use crate::diagnosis::verdict::could_be_hidden;
+use crate::diagnosis::verdict::tests::estimate;
 use crate::diagnosis::{
-    Estimate, HistoryFound, HistoryKind, Model, NotIdentifiable, Preparation, Verdict, diagnose,
-    diagnose_gated,
+    Estimate, HistoryFound, HistoryKind, NotIdentifiable, Preparation, Verdict, diagnose, diagnose_gated,
 };
 use crate::signal::{Role, Sample};
 use crate::sim::scenarios::table2_loop;
@@ -156,20 +156,7 @@ fn of_op(u: Vec<f64>, start: Start, f_max: f64) -> IdData {
 /// A diagnosis that sees no sticking, of data that an archive held.
 fn declared(f_high: f64) -> Diagnosis {
     let history = HistoryFound { kind: HistoryKind::Held, role: Role::Pv, evidence: [1.0, 5.0] };
-    let model = Model { na: 1, nb: 1, nc: 0, nk: 1, a: vec![0.0], b: vec![0.0], c: Vec::new(), rmse: 1.0 };
-    let estimate = Estimate {
-        f: 0.0,
-        f_ci95: [0.0, f_high],
-        f_of_op_range: 0.0,
-        delta_aic: 3.0,
-        rival: Rival::Linear,
-        steadiness: 2.0,
-        f_max: 5.0,
-        d: 0.0,
-        curve: Vec::new(),
-        model,
-        mv: Vec::new(),
-    };
+    let estimate = Estimate { f_ci95: [0.0, f_high], ..estimate(3.0, Rival::Linear, 2.0) };
     let bound = could_be_hidden(f_high, Some(100.0));
     Diagnosis {
         preparation: Preparation { history: Some(Box::new(history)), ..Preparation::default() },
@@ -229,7 +216,7 @@ fn the_largest_reversal_is_told_whichever_way_it_goes() {
 }
 
 #[test]
-fn what_an_archive_did_is_said_once_of_what_was_traced() {
+fn what_an_archive_did_is_said_once_of_what_was_traced_and_which_stretch_that_is() {
     let record = sticking(700, 1.0);
     let settings = diagnosis::Settings::default();
     let mut found = diagnose(&record, &settings);
@@ -238,6 +225,9 @@ fn what_an_archive_did_is_said_once_of_what_was_traced() {
     let archive = "; the data is not raw (held): f reads low, and sticking may go unseen";
     let said = traced.reason.matches("not raw").count();
     assert!(said == 1 && traced.reason.ends_with(archive), "{}", traced.reason);
+    let whole = window(&record, &found, &settings).expect("it is traced");
+    let end = whole.t0 + (whole.len() - 1) as f64 * whole.ts;
+    assert_eq!(traced.traced, Traced { start: whole.t0, end, n: whole.len() });
 }
 
 #[test]

@@ -10,9 +10,8 @@ use super::interval::interval;
 use super::posterior::probability;
 use super::response::pv_follows_stem;
 use super::settings::Settings;
-use crate::diagnosis::verdict::{bare_reason, could_be_hidden, not_told, too_little};
+use crate::diagnosis::verdict::{Thresholds, bare_reason, could_be_hidden};
 use crate::diagnosis::{Diagnosis, NotIdentifiable, Verdict};
-use crate::signal::told;
 use crate::sysid::iddata::IdData;
 use crate::sysid::valve::largest_move;
 
@@ -125,16 +124,13 @@ impl Question<'_> {
     fn reason(&self, verdict: &Verdict, f: f64, within: [f64; 2]) -> String {
         let evidence = 2.0 * self.log_odds;
         let span = self.settings.op_span;
+        let least = Thresholds { evidence: self.settings.evidence_threshold, f: self.settings.f_threshold };
         match verdict {
-            Verdict::Stiction => {
-                let (per, unit) = span.map_or((1.0, " OP"), |span| (100.0 / span, " % OP"));
-                let [f, low, high] = [f, within[0], within[1]].map(|f| told(per * f));
-                format!("f = {f}{unit} [{low}, {high}], evidence {evidence:.0}")
+            Verdict::Stiction => least.sticks(evidence, f, within, span),
+            Verdict::NoStiction if evidence > least.evidence => {
+                least.not_told(evidence, [f, within[0]], span)
             }
-            Verdict::NoStiction if evidence > self.settings.evidence_threshold => {
-                not_told(evidence, [f, within[0]], span)
-            }
-            Verdict::NoStiction => too_little(evidence, self.settings.evidence_threshold),
+            Verdict::NoStiction => least.too_little(evidence),
             Verdict::NotIdentifiable(why) => why.to_string(),
         }
     }

@@ -134,13 +134,14 @@ pub struct ModelVersion {
 pub(crate) mod tests {
     use super::*;
     use crate::diagnosis::{Model, NotIdentifiable, Residual};
-    use crate::residual::{Curves, Effect, Friction, Kind, Parameter};
+    use crate::residual::{Curves, Effect, Friction, Kind, Parameter, Traced};
 
     /// Findings with f 2.208 OP, as if they were traced.
     pub fn findings(verdict: Verdict, effects: Vec<Effect>) -> Findings {
         let residual = Residual { white: false, one_step_rmse: 0.031, free_run_rmse: 0.4 };
         let f = if verdict == Verdict::Stiction { 2.208 } else { 0.0 };
         Findings {
+            traced: Traced { start: 1000.0, end: 2999.0, n: 2000 },
             effects,
             rejected: Vec::new(),
             candidates: vec![(Some(Kind::GainChange), 0.48), (Some(Kind::LoadStep), 0.41), (None, 0.11)],

@@ -3,6 +3,7 @@
 
 use super::{Compensated, Seen, Summary, f_unit};
 use crate::compensation::gate::{Cause, Denial};
+use crate::signal::{self, trimmed};
 
 mod effects;
 
@@ -316,7 +317,7 @@ pub fn unexplained(share: f64) -> String {
     if share >= 0.995 {
         return "PV's movement is not explained.".to_string();
     }
-    format!("{:.0} % of PV's standard deviation is not explained.", 100.0 * share)
+    format!("{} of PV's standard deviation is not explained.", signal::share(share, 0))
 }
 
 /// What a test of the residual that failed has seen.
@@ -360,8 +361,7 @@ pub fn short(value: f64) -> String {
 
 /// [`short`] without zeros at the end.
 fn shortest(value: f64) -> String {
-    let text = short(value);
-    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_string() } else { text }
+    trimmed(short(value))
 }
 
 /// With its first letter large.

@@ -1,4 +1,4 @@
-//! The span of OP, from closed to open: as configured, or derived from OP's limits, unit or values. Numbers in sentences.
+//! The span of OP, from closed to open: as configured, or derived from OP's limits, unit or values.
 
 use super::{LARGEST_VALUE, Record, Sample, outages};
 
@@ -235,39 +235,6 @@ pub fn span_at_least(known: Option<f64>, op: &[f64]) -> f64 {
     })
 }
 
-/// A number in a sentence: three decimals, and more where three significant figures need them.
-pub fn told(value: f64) -> String {
-    let size = value.abs();
-    let decimals = if size > 0.0 && size < 0.1 { (2.0 - size.log10().floor()).min(12.0) as usize } else { 3 };
-    format!("{value:.decimals$}")
-}
-
-/// A distance along OP (OP unit) in a sentence: in per cent of the span where that is known.
-pub fn along_op(distance: f64, span: Option<f64>) -> String {
-    match span {
-        Some(span) => format!("{} % OP", told(100.0 * distance / span)),
-        None => format!("{} OP", told(distance)),
-    }
-}
-
-/// A time or a size in a sentence: four significant digits, without trailing zeros.
-pub fn figures(value: f64) -> String {
-    if value != 0.0 && !(1e-4..1e9).contains(&value.abs()) {
-        return format!("{value:.3e}");
-    }
-    let digits = if value == 0.0 { 0 } else { 3 - value.abs().log10().floor() as i32 };
-    let decimals = digits.clamp(0, 8) as usize;
-    trimmed(format!("{value:.decimals$}"))
-}
-
-/// A number without trailing zeros.
-pub fn trimmed(text: String) -> String {
-    match text.contains('.') {
-        true => text.trim_end_matches('0').trim_end_matches('.').to_string(),
-        false => text,
-    }
-}
-
 /// The least and the largest of the good values that are measurements; `None` where there is none.
 fn extent(op: &[Sample]) -> Option<(f64, f64)> {
     let is_good = |s: &&Sample| s.quality.is_good() && s.value.is_finite() && s.value.abs() < LARGEST_VALUE;
@@ -354,22 +321,6 @@ mod tests {
         record.find_span(Some(100.0), None);
         assert_eq!(span_at_least(record.known_span(), &[]), 16.0);
         assert_eq!(span_at_least(None, &[]), 0.0);
-    }
-
-    #[test]
-    fn numbers_in_sentences_keep_three_figures() {
-        let cases = [
-            (2.5, "2.500"),
-            (0.4123, "0.412"),
-            (0.012_345, "0.0123"),
-            (-4.123e-5, "-0.0000412"),
-            (0.0, "0.000"),
-        ];
-        for (value, text) in cases {
-            assert_eq!(told(value), text);
-        }
-        assert_eq!(told(f64::NAN), "NaN");
-        assert_eq!(told(1e-300), "0.000000000000");
     }
 
     #[test]

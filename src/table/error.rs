@@ -45,8 +45,3 @@ pub fn listed<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
     }
     out.join(", ")
 }
-
-/// So many of these.
-pub(super) fn many(count: u64, of: &str) -> String {
-    format!("{count} {of}{}", if count == 1 { "" } else { "s" })
-}

@@ -2,13 +2,13 @@
 
 use super::blanks::Blanks;
 use super::channel::Channel;
-use super::error::{listed, many, shown};
+use super::error::{listed, shown};
 use super::layout::Body;
 use super::source::Kind;
 use super::survey::Plan;
 use super::take::Counted;
 use super::time_columns::parts_said;
-use crate::signal::Role;
+use crate::signal::{Role, many};
 use std::fmt::Write;
 
 /// Columns and tags of quality that are named.

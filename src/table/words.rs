@@ -1,8 +1,9 @@
 //! Columns of words, and what those of the controller's mode mean: decided from the whole column.
 
-use super::error::{TableError, many, shown};
+use super::error::{TableError, shown};
 use super::number;
 use super::source::{Cell, NOTHING};
+use crate::signal::many;
 
 /// Different words of a column that are remembered.
 const MOST: usize = 64;

@@ -100,6 +100,7 @@ async fn one_loop_its_diagnosis_its_runs_and_its_model() {
     assert_eq!(report["f_ci95"][0].as_f64().map(|f| (f * 100.0).round()), Some(244.0));
     assert_eq!(report["window"]["n"], 1000);
     assert_eq!(report["window_start"], "2026-01-01T00:00:00Z");
+    assert!(report["residual"]["traced"].is_null() && report["traced_start"].is_null(), "{report}");
     // What is not finite is null, wherever it stands.
     assert_eq!(report["model"]["b"][1], Value::Null);
     let flat = rig.json("/api/v1/loops/PIC3/diagnosis").await;

@@ -5,7 +5,7 @@ use crate::network::Value;
 use std::sync::Arc;
 use stictiond::diagnosis::rivals::Rival;
 use stictiond::diagnosis::{Diagnosis, Estimate, Model, NotIdentifiable, Preparation, Residual, Verdict};
-use stictiond::residual::{Curves, Effect, Findings, Friction, Kind};
+use stictiond::residual::{Curves, Effect, Findings, Friction, Kind, Traced};
 use stictiond::results::Judged;
 use stictiond::schedule::{Clock, Diagnose};
 use stictiond::signal::Record;
@@ -48,6 +48,7 @@ fn traced(drifts: bool) -> Findings {
     };
     let residual = Residual { white: true, one_step_rmse: 0.01, free_run_rmse: 0.01 };
     Findings {
+        traced: Traced::default(),
         effects: drifts.then_some(drift).into_iter().collect(),
         rejected: Vec::new(),
         candidates: Vec::new(),

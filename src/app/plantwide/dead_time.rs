@@ -70,17 +70,15 @@ pub(super) fn kept(before: Option<f64>, fitted: Option<DeadTime>) -> Option<f64>
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::diagnosis::rivals::Rival;
     use crate::diagnosis::{Diagnosis, Estimate, NotIdentifiable, Preparation, Residual};
 
-    /// A diagnosis with a model of three samples' delay at 10 s.
-    fn judged(verdict: Verdict, white: bool) -> Judged {
-        let model =
-            Model { na: 1, nb: 1, nc: 1, nk: 3, a: vec![-0.9], b: vec![0.1], c: vec![0.0], rmse: 0.01 };
-        let estimate = Estimate {
-            f: 0.0,
+    /// An estimate by this model, with little behind it.
+    pub(in crate::app::plantwide) fn estimate(f: f64, model: Model) -> Option<Estimate> {
+        Some(Estimate {
+            f,
             f_ci95: [0.0, 0.1],
             f_of_op_range: 0.0,
             delta_aic: 0.0,
@@ -91,11 +89,17 @@ mod tests {
             curve: Vec::new(),
             model,
             mv: Vec::new(),
-        };
+        })
+    }
+
+    /// A diagnosis with a model of three samples' delay at 10 s.
+    fn judged(verdict: Verdict, white: bool) -> Judged {
+        let model =
+            Model { na: 1, nb: 1, nc: 1, nk: 3, a: vec![-0.9], b: vec![0.1], c: vec![0.0], rmse: 0.01 };
         let preparation = Preparation { n: 1000, ts: 10.0, ..Preparation::default() };
         let residual = Some(Residual { white, one_step_rmse: 0.01, free_run_rmse: 0.1 });
         let bare = Diagnosis::bare(verdict, "made for a test");
-        Diagnosis { preparation, residual, estimate: Some(estimate), ..bare }.into()
+        Diagnosis { preparation, residual, estimate: estimate(0.0, model), ..bare }.into()
     }
 
     #[test]

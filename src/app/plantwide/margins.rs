@@ -31,14 +31,14 @@ pub fn margins_of(judged: &Judged, op_limits: Option<(f64, f64)>) -> Option<Marg
 
 /// Whether a loop with this effect is not linear, or does not stay as it is.
 fn is_not_linear(effect: &Effect) -> bool {
-    effect.kind.is_of_the_valve() || effect.kind == Kind::ClockSkew
+    effect.kind.is_between_op_and_pv() || effect.kind == Kind::ClockSkew
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::dead_time::tests::estimate;
     use super::*;
-    use crate::diagnosis::rivals::Rival;
-    use crate::diagnosis::{Diagnosis, Estimate, Model, NotIdentifiable, Preparation, Residual};
+    use crate::diagnosis::{Diagnosis, Model, NotIdentifiable, Preparation, Residual};
     use crate::results::{made_effect, made_findings};
     use crate::signal::Window;
 
@@ -62,24 +62,11 @@ mod tests {
     /// A diagnosis of it with its true model.
     fn judged(verdict: Verdict, f: f64) -> Judged {
         let model = Model { na: 1, nb: 1, nc: 0, nk: 3, a: vec![-0.9], b: vec![0.1], c: vec![], rmse: 0.01 };
-        let estimate = Estimate {
-            f,
-            f_ci95: [0.0, 0.1],
-            f_of_op_range: 0.0,
-            delta_aic: 0.0,
-            rival: Rival::Linear,
-            steadiness: 0.0,
-            f_max: 5.0,
-            d: 0.0,
-            curve: Vec::new(),
-            model,
-            mv: Vec::new(),
-        };
         let preparation = Preparation { n: 1000, ts: 1.0, ..Preparation::default() };
         let residual = Some(Residual { white: true, one_step_rmse: 0.01, free_run_rmse: 0.1 });
         let bare = Diagnosis::bare(verdict, "made for a test");
         let window = Some(window());
-        Diagnosis { preparation, residual, estimate: Some(estimate), window, ..bare }.into()
+        Diagnosis { preparation, residual, estimate: estimate(f, model), window, ..bare }.into()
     }
 
     fn gain(judged: &Judged) -> Option<f64> {

@@ -7,6 +7,7 @@ use stictiond::plantwide::{Analysis, Group, Part, Plant, Task};
 use stictiond::plot::{COLOURS, escape};
 use stictiond::results::words::percent;
 use stictiond::serve::report::GroupPictures;
+use stictiond::signal::share;
 
 const CSS: &str = "body { margin: 0 auto; max-width: 72rem; padding: 1rem; background: var(--ground); color: var(--ink); font: 14px/1.45 system-ui, sans-serif; }
 h1 { font-size: 22px; } h2 { font-size: 17px; margin: 1.6rem 0 .4rem; } h3 { font-size: 14px; margin: .8rem 0 .2rem; }
@@ -53,7 +54,8 @@ fn list(out: &mut String, part: Part, found: &Analysis, work: &[Task]) {
     if lines.is_empty() && part != Part::First {
         return;
     }
-    let _ = write!(out, "<section><h2>{}</h2><p class=\"faint\">{}</p>", part.heading(), part.note());
+    let note = part.note().map(|note| format!("<p class=\"faint\">{note}</p>")).unwrap_or_default();
+    let _ = write!(out, "<section><h2>{}</h2>{note}", part.heading());
     if lines.is_empty() {
         let _ = write!(out, "<p>{}.</p></section>", nothing(work));
         return;
@@ -132,7 +134,7 @@ fn loops(out: &mut String, found: &Analysis) {
             escape(&of.name),
             cell(of.indicators.score.map(|s| format!("{s:.0}"))),
             cell(swing.map(|s| period(s.period_s))),
-            cell(swing.map(|s| format!("{:.0} %", 100.0 * s.share))),
+            cell(swing.map(|s| share(s.share, 0))),
             cell(of.indicators.harris.map(|h| format!("{:.2}", h.index))),
             cell(of.margins.map(|margins| margins.words())),
             cell(of.indicators.travel.map(|travel| format!("{:.0}", travel.reversals_a_day))),

@@ -21,7 +21,7 @@ use stictiond::plantwide::window::{of_record, recent};
 use stictiond::plantwide::{Analysis, HOUR_S, Part, Plant, PlantLoop, Task, analyse, tasks};
 use stictiond::results::words::percent;
 use stictiond::results::{Outcome, Run, Summary, Trigger};
-use stictiond::signal::{LoopId, Record};
+use stictiond::signal::{LoopId, Record, many};
 
 /// Most rows of a loop's window; a longer record is thinned.
 const MOST_ROWS: usize = 200_000;
@@ -238,7 +238,6 @@ fn sure(task: &Task) -> String {
 
 /// How many loops there are, how many oscillate, and in how many groups.
 fn counted(found: &Analysis) -> String {
-    let many = |count: usize, of: &str| format!("{count} {of}{}", if count == 1 { "" } else { "s" });
     let swinging = found.loops.iter().filter(|of| !of.oscillations.is_empty()).count();
     let oscillate = if swinging == 1 { "oscillates" } else { "oscillate" };
     let (loops, groups) = (many(found.loops.len(), "loop"), many(found.groups.len(), "group"));
@@ -292,7 +291,7 @@ fn list(out: &mut String, part: Part, found: &Analysis, work: &[Task]) {
     if lines.is_empty() && part != Part::First {
         return;
     }
-    let note = if part.note().is_empty() { String::new() } else { format!(" ({})", part.note()) };
+    let note = part.note().map(|note| format!(" ({note})")).unwrap_or_default();
     let _ = writeln!(out, "\n{}{note}", part.heading());
     if lines.is_empty() {
         let _ = writeln!(out, "  {}", nothing(work));

@@ -201,7 +201,7 @@ pub struct TagConfig {
     #[serde(default)]
     pub deadband_percent: Option<f64>,
     /// value = scale * raw + offset.
-    #[serde(default = "default_scale")]
+    #[serde(default = "crate::collect::scaling::unscaled")]
     pub scale: f64,
     /// See `scale`.
     #[serde(default)]
@@ -215,10 +215,6 @@ pub struct TagConfig {
     /// Of a mode tag: the raw values that mean automatic. Without it, anything but 0 does.
     #[serde(default)]
     pub auto_values: Option<Vec<i64>>,
-}
-
-fn default_scale() -> f64 {
-    1.0
 }
 
 /// Where a tag is found.

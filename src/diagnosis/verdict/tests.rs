@@ -57,7 +57,8 @@ fn a_limit_cycle_of_few_samples_is_never_told_to_be_calm() {
     assert!(found.reason.starts_with("too short: 130 usable samples, 147 needed"), "{}", found.reason);
 }
 
-fn estimate(delta_aic: f64, rival: Rival, steadiness: f64) -> Estimate {
+/// An estimate without friction, of a model that does nothing.
+pub(crate) fn estimate(delta_aic: f64, rival: Rival, steadiness: f64) -> Estimate {
     let model = Model { na: 1, nb: 1, nc: 0, nk: 1, a: vec![0.0], b: vec![0.0], c: Vec::new(), rmse: 1.0 };
     Estimate {
         f: 0.0,
@@ -74,6 +75,9 @@ fn estimate(delta_aic: f64, rival: Rival, steadiness: f64) -> Estimate {
     }
 }
 
+/// Thresholds of the evidence, and of f in a span of 100.
+const LEAST: Thresholds = Thresholds { evidence: 20.0, f: 0.05 };
+
 #[test]
 fn a_no_beside_much_evidence_says_what_it_is_that_friction_lacks() {
     let load = Rival::OscillatingLoad { period: 40.0, harmonics: 1 };
@@ -81,7 +85,7 @@ fn a_no_beside_much_evidence_says_what_it_is_that_friction_lacks() {
         let evidence = Evidence { delta_aic, rival, steadiness };
         let tried = Some(Tried { evidence: &evidence, f: 0.03, low });
         let own = estimate(delta_aic, rival, steadiness);
-        explain(&Verdict::NoStiction, &own, tried, 20.0, Some(100.0))
+        explain(&Verdict::NoStiction, &own, tried, LEAST, Some(100.0))
     };
     let (bound, better) =
         ("; f up to 1.200 % OP could be hidden", "friction predicts PV better, evidence 60, but");
@@ -99,13 +103,29 @@ fn a_no_beside_much_evidence_says_what_it_is_that_friction_lacks() {
         said(10.0, Rival::Linear, 2.0, 0.0),
         format!("too little speaks for friction, evidence 10 of 20{bound}")
     );
-    assert_eq!(too_little(19.7, 20.0), "too little speaks for friction, evidence 19 of 20");
-    assert_eq!(too_little(-3.0, 20.0), "nothing speaks for friction, evidence 0");
-    let never = explain(&Verdict::NoStiction, &estimate(0.0, Rival::Linear, 0.0), None, 20.0, None);
+    assert_eq!(LEAST.too_little(-3.0), "nothing speaks for friction, evidence 0");
+    assert_eq!(LEAST.too_little(0.9), "nothing speaks for friction, evidence 0");
+    let never = explain(&Verdict::NoStiction, &estimate(0.0, Rival::Linear, 0.0), None, LEAST, None);
     assert_eq!(
         never,
         "OP never reverses by enough for friction to hold the stem; f up to 1.200 OP could be hidden"
     );
+}
+
+#[test]
+fn evidence_and_f_are_never_told_on_the_other_side_of_their_thresholds() {
+    assert_eq!(LEAST.too_little(19.7), "too little speaks for friction, evidence 19.7 of 20");
+    assert_eq!(LEAST.too_little(18.7), "too little speaks for friction, evidence 19 of 20");
+    let but = "but its f of 0.04998 % OP is too small to matter";
+    let small = LEAST.not_told(20.3, [0.04998, 0.04], Some(100.0));
+    assert_eq!(small, format!("friction predicts PV better, evidence 20.3, {but}"));
+    let sticks = LEAST.sticks(20.02, 0.05003, [0.04, 0.06], Some(100.0));
+    assert_eq!(sticks, "f = 0.05003 % OP [0.0400, 0.0600], evidence 20.02");
+    let load = Rival::OscillatingLoad { period: 40.0, harmonics: 1 };
+    let evidence = Evidence { delta_aic: 19.8, rival: load, steadiness: 2.0 };
+    let tried = Some(Tried { evidence: &evidence, f: 0.1, low: 0.05 });
+    let said = explain(&Verdict::NoStiction, &estimate(19.8, load, 2.0), tried, LEAST, None);
+    assert!(said.contains("about as well as friction, evidence 19.8;"), "{said}");
 }
 
 #[test]
@@ -114,7 +134,7 @@ fn f_is_told_with_its_unit_whether_the_span_is_known_or_not() {
         let evidence = Evidence { delta_aic: 60.0, rival: Rival::Linear, steadiness: 2.0 };
         let tried = Some(Tried { evidence: &evidence, f: 1.0, low: 0.5 });
         let own = Estimate { f: 1.0, f_ci95: [0.5, 1.2], ..estimate(60.0, Rival::Linear, 2.0) };
-        explain(&Verdict::Stiction, &own, tried, 20.0, span)
+        explain(&Verdict::Stiction, &own, tried, LEAST, span)
     };
     for (span, f) in [
         (Some(200.0), "f = 0.500 % OP [0.250, 0.600], evidence 60"),

@@ -165,7 +165,9 @@ fn usual_margins_are_neither_tight_nor_loose_and_a_margin_that_is_not_there_is_l
         assert_eq!(of(gain, phase_deg), want, "{gain:?} {phase_deg:?}");
     }
     let words = |gain, phase_deg| Margins { gain, phase_deg, ..Margins::default() }.words();
-    assert_eq!(words(None, Some(-0.3)), "phase margin 0°");
+    assert_eq!(words(None, Some(-0.0)), "phase margin 0°");
     assert_eq!(words(Some(9.0), None), "gain margin 9.0");
+    assert_eq!(words(Some(1.96), Some(30.2)), "gain margin 1.96, phase margin 30.2°");
+    assert_eq!(words(Some(1.04), Some(0.3)), "gain margin 1.04, phase margin 0.3°");
     assert_eq!(Margins::usual(), "usual are 2 to 5 and 30° to 60°");
 }

@@ -49,6 +49,8 @@ pub struct MarginsItem {
     pub phase_deg: Option<f64>,
     /// Period of the gain crossover (s), with about which a tight loop swings; null without one.
     pub period_s: Option<f64>,
+    /// Both margins in words; empty where neither is known.
+    pub words: String,
 }
 
 /// How steps of the set point were followed.
@@ -119,6 +121,7 @@ impl From<&Margins> for MarginsItem {
             gain: own.gain.and_then(finite),
             phase_deg: own.phase_deg.and_then(finite),
             period_s: own.gain_crossover_s.and_then(finite),
+            words: own.words(),
         }
     }
 }
@@ -190,7 +193,11 @@ mod tests {
         let harris =
             json!({"index": 0.75, "ci95": [0.5, 0.875], "dead_time_s": 20.0, "dead_time_from": "model"});
         assert_eq!(found["harris"], harris);
-        assert_eq!(found["margins"], json!({"gain": null, "phase_deg": 17.5, "period_s": 120.0}));
+        let words = "phase margin 18°";
+        assert_eq!(
+            found["margins"],
+            json!({"gain": null, "phase_deg": 17.5, "period_s": 120.0, "words": words})
+        );
         assert_eq!(found["settling"], json!({"steps": 4, "settled": 3, "time_s": 42.0, "overshoot": 0.125}));
         let periods: Vec<f64> = own.oscillations.iter().map(|own| own.period_s).collect();
         let seen = found["oscillations"].as_array().expect("a list");

@@ -292,6 +292,10 @@ pub struct LoopDiagnosis {
     pub window_start: Option<String>,
     /// Last time of the window.
     pub window_end: Option<String>,
+    /// First time of the stretch in which effects were looked for; null where nothing was traced.
+    pub traced_start: Option<String>,
+    /// Last time of that stretch.
+    pub traced_end: Option<String>,
     /// How long it took on the wall clock (s).
     pub took_s: Option<f64>,
 }
@@ -312,11 +316,14 @@ impl LoopDiagnosis {
     }
 
     fn of(report: Report, finished: f64, took_s: f64, now: f64) -> Self {
+        let traced = report.residual.traced.as_ref();
         Self {
             time: rfc3339(finished),
             age_s: age(now, finished),
             window_start: report.window.start.and_then(rfc3339),
             window_end: report.window.end.and_then(rfc3339),
+            traced_start: traced.and_then(|own| own.start).and_then(rfc3339),
+            traced_end: traced.and_then(|own| own.end).and_then(rfc3339),
             took_s: finite(took_s),
             report,
         }
@@ -417,12 +424,25 @@ pub struct Begun {
 
 #[cfg(test)]
 mod tests {
+    use super::super::report::ReportTraced;
     use super::*;
     use crate::alarm;
     use crate::diagnosis::{Diagnosis, NotIdentifiable, Verdict};
     use crate::results::{Restored, Results};
     use crate::signal::LoopId;
     use std::sync::Arc;
+
+    #[test]
+    fn the_traced_stretch_has_its_times() {
+        let nothing = Diagnosis::bare(Verdict::NotIdentifiable(NotIdentifiable::FlatPv), "made for a test");
+        let mut report = Report::from(("FIC101", &nothing));
+        assert_eq!(LoopDiagnosis::of(report.clone(), 0.0, 0.1, 1.0).traced_start, None);
+        let start = 1_767_225_600.0;
+        report.residual.traced = Some(ReportTraced { start: Some(start), end: Some(start + 60.0), n: 61 });
+        let told = LoopDiagnosis::of(report, 0.0, 0.1, 1.0);
+        assert_eq!(told.traced_start.as_deref(), Some("2026-01-01T00:00:00Z"));
+        assert_eq!(told.traced_end.as_deref(), Some("2026-01-01T00:01:00Z"));
+    }
 
     #[test]
     fn the_least_f_that_counts_is_in_the_unit_of_f_or_not_told() {

@@ -7,7 +7,9 @@ mod residual;
 mod unit;
 
 pub use opinions::{ReportAgreement, ReportOpinion, ReportQuantity, ReportSays, ReportThreshold};
-pub use residual::{ReportCandidate, ReportEffect, ReportParameter, ReportResidual, ReportStem};
+pub use residual::{
+    ReportCandidate, ReportEffect, ReportParameter, ReportResidual, ReportStem, ReportTraced,
+};
 
 use super::finite;
 use crate::diagnosis::{self, Diagnosis, Verdict};
@@ -403,6 +405,19 @@ impl Report {
         self.op_span_source = source.as_str().to_string();
         self.f_unit_assumed |= source == SpanSource::Values;
         self
+    }
+
+    /// The stretch in which effects were looked for, where it is another than the diagnosed window.
+    pub fn traced_elsewhere(&self) -> Option<&ReportTraced> {
+        let window = &self.window;
+        let near = |own: Option<f64>, other: Option<f64>| {
+            // Half a sample: the two were computed along different ways.
+            own.zip(other).zip(window.ts_s).is_some_and(|((own, other), ts)| (own - other).abs() < 0.5 * ts)
+        };
+        let same = |traced: &&ReportTraced| {
+            traced.n == window.n && near(traced.start, window.start) && near(traced.end, window.end)
+        };
+        self.residual.traced.as_ref().filter(|traced| !same(traced))
     }
 
     /// What the next run may take as given.

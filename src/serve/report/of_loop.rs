@@ -104,6 +104,11 @@ fn facts(out: &mut String, subject: &Subject<'_>) {
         facts.push(("window to", when(found.window_end.as_deref())));
         let period = used.ts_s.map_or_else(|| "–".into(), short);
         facts.push(("samples", format!("{}, {period} s apart, {}", used.n, used.quality.as_str())));
+        if let Some(traced) = found.report.traced_elsewhere() {
+            facts.push(("effects looked for from", when(found.traced_start.as_deref())));
+            facts.push(("effects looked for to", when(found.traced_end.as_deref())));
+            facts.push(("samples of that stretch", traced.n.to_string()));
+        }
         // Friction may be likely and its f still be too small to matter: beside that it would read as a contradiction.
         let told = |posterior: &f64| match found.report.verdict {
             ReportVerdict::Stiction => true,
@@ -312,7 +317,7 @@ fn work_order(out: &mut String) {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::super::super::dto::params::{AlarmPriority, AlarmState};
     use super::*;
     use crate::results::{Summary, Trigger};
@@ -334,8 +339,9 @@ mod tests {
         }
     }
 
-    fn run(time: f64, f_in_percent: bool) -> RunItem {
-        RunItem::from(&Summary {
+    /// A run that found a valve that sticks.
+    pub(in crate::serve::report) fn sticks(time: f64, f_in_percent: bool) -> Summary {
+        Summary {
             time,
             took_s: 0.1,
             trigger: Trigger::Periodic,
@@ -347,7 +353,11 @@ mod tests {
             f_ci95: Some([1.9, 2.1]),
             delta_aic: Some(100.0),
             compensated: None,
-        })
+        }
+    }
+
+    fn run(time: f64, f_in_percent: bool) -> RunItem {
+        RunItem::from(&sticks(time, f_in_percent))
     }
 
     #[test]

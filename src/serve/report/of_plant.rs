@@ -118,10 +118,11 @@ fn row(out: &mut String, item: &LoopItem) {
 
 #[cfg(test)]
 mod tests {
+    use super::super::of_loop::tests::sticks;
     use super::*;
     use crate::alarm;
     use crate::diagnosis::NotIdentifiable;
-    use crate::results::{Results, Summary, Trigger};
+    use crate::results::Results;
     use crate::serve::{LoopInfo, Standing};
     use crate::signal::LoopId;
 
@@ -145,19 +146,7 @@ mod tests {
             LoopInfo { id: id.clone(), description: String::new(), group: String::new(), period_s: 60.0 };
         let bars = |f_in_percent| {
             let mut known = results.get(&id, 0.0).expect("it is there");
-            known.summary = Some(Summary {
-                time: 0.0,
-                took_s: 0.1,
-                trigger: Trigger::Periodic,
-                outcome: "stiction".into(),
-                reason_code: None,
-                reason: String::new(),
-                f_in_percent,
-                f: Some(2.0),
-                f_ci95: Some([1.9, 2.1]),
-                delta_aic: Some(100.0),
-                compensated: None,
-            });
+            known.summary = Some(sticks(0.0, f_in_percent));
             of_plant(&[LoopItem::new(&info, &known, Standing::default(), 0.0)], 0, None)
                 .matches("<svg")
                 .count()

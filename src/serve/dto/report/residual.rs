@@ -14,10 +14,13 @@ const PLACE: &str = "where";
 const MOST_CANDIDATES: usize = 3;
 
 /// The residual before and after effects were added to the declared model, on samples to which no coefficient was fitted: the last
-/// 20 % of the window; where nothing was traced, the last 30 % that the diagnosis keeps. The last 20 % also reject effects, so that
-/// the errors with the effects may be too small.
+/// 20 % of the traced stretch; where nothing was traced, the last 30 % that the diagnosis keeps. The last 20 % also reject effects, so
+/// that the errors with the effects may be too small.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ReportResidual {
+    /// The stretch of the record in which effects were looked for; null where nothing was traced.
+    #[serde(default)]
+    pub traced: Option<ReportTraced>,
     /// White under the declared model; null when not identifiable.
     pub white_before: Option<bool>,
     /// White with the effects.
@@ -55,6 +58,18 @@ pub struct ReportResidual {
     pub verdict_before: Option<String>,
     /// Friction and residual of OP -> measured stem; null without one.
     pub stem: Option<ReportStem>,
+}
+
+/// The stretch of the record that was traced: all that is usable of it, or 2,000 samples around the diagnosed window where that is
+/// more. An effect may have set in outside of the diagnosed window.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ReportTraced {
+    /// Time of the first sample (s).
+    pub start: Option<f64>,
+    /// Time of the last sample (s).
+    pub end: Option<f64>,
+    /// Samples.
+    pub n: usize,
 }
 
 /// What OP and the measured stem say directly, without a process in between.
@@ -138,6 +153,7 @@ impl ReportResidual {
         let one_step = residual.and_then(|r| finite(r.one_step_rmse));
         let free_run = residual.and_then(|r| finite(r.free_run_rmse));
         ReportResidual {
+            traced: None,
             white_before: white,
             white_after: white,
             one_step_rmse_before: one_step,
@@ -162,7 +178,9 @@ impl ReportResidual {
         // Without a search the declared model was not asked.
         let asked = findings.structure.as_ref().is_none_or(|structure| structure.confirmed == 0);
         let known = asked && !matches!(verdict_before, Verdict::NotIdentifiable(_));
+        let residual::Traced { start, end, n } = findings.traced;
         ReportResidual {
+            traced: Some(ReportTraced { start: finite(start), end: finite(end), n }),
             white_before: Some(findings.before.white),
             white_after: Some(findings.after.white),
             one_step_rmse_before: finite(findings.before.one_step_rmse),

@@ -76,7 +76,7 @@ fn contract_fields_have_their_names_and_values() {
     let report = Report::from(("FIC101", &sticky(vec![40.0, 46.0])));
     let json = serde_json::to_value(&report).unwrap();
     let residual = serde_json::json!({
-        "white_before": false, "white_after": false,
+        "traced": null, "white_before": false, "white_after": false,
         "one_step_rmse_before": 0.031, "one_step_rmse_after": 0.031,
         "free_run_rmse_before": 0.4, "free_run_rmse_after": 0.4,
         "effects": [], "candidates": [], "simulates_worse": false, "unexplained": true, "failed_tests": [], "structure": null, "f_before": null, "f_after": null,
@@ -124,6 +124,7 @@ fn what_was_traced_is_told_with_its_posteriors() {
     let residual = &json["residual"];
     assert_eq!((&residual["verdict_before"], &residual["f_before"]), (&"stiction".into(), &5.0.into()));
     assert_eq!(residual["simulates_worse"], true);
+    assert_eq!(residual["traced"], serde_json::json!({"start": 1000.0, "end": 2999.0, "n": 2000}));
     let candidates = serde_json::json!([{"kind": "gain_change", "posterior": 0.48}, {"kind": "load_step", "posterior": 0.41},
         {"kind": "none", "posterior": 0.11}]);
     assert_eq!(residual["candidates"], candidates);
@@ -164,6 +165,26 @@ fn what_was_traced_decides_without_effects_too_unless_it_cannot_tell() {
     );
     let unknown = told(Verdict::NotIdentifiable(NotIdentifiable::FlatPv));
     assert_eq!(unknown, (ReportVerdict::NoStiction, Some(2.5), None, declared.reason.clone(), None));
+}
+
+#[test]
+fn the_traced_stretch_is_told_apart_from_the_diagnosed_window() {
+    use crate::residual::Traced;
+    use crate::results::made_findings;
+    let declared = sticky(vec![40.0, 46.0]);
+    let elsewhere = |start, end, n| {
+        let traced = Traced { start, end, n };
+        let found = Findings { traced, ..made_findings(Verdict::Stiction, Vec::new()) };
+        let report = Report::new("x", None, &declared).with_findings(None, &declared, &found);
+        report.traced_elsewhere().map(|traced| (traced.start, traced.end, traced.n))
+    };
+    // The diagnosed window has 1,000 samples of 50 s, from 0 s on.
+    assert_eq!(elsewhere(1e-6, 49950.0 - 1e-6, 1000), None, "the same, computed along another way");
+    let later = (Some(50.0), Some(50000.0), 1000);
+    assert_eq!(elsewhere(50.0, 50000.0, 1000), Some(later));
+    let longer = (Some(0.0), Some(99950.0), 2000);
+    assert_eq!(elsewhere(0.0, 99950.0, 2000), Some(longer));
+    assert_eq!(Report::new("x", None, &declared).traced_elsewhere(), None, "nothing was traced");
 }
 
 #[test]
@@ -254,12 +275,13 @@ fn what_an_archive_did_is_told_by_kind_evidence_and_note() {
     let mut old = serde_json::to_value(&report).expect("it can be written");
     old["window"].as_object_mut().expect("an object").remove("history");
     old.as_object_mut().expect("an object").remove("posterior");
-    for name in ["candidates", "simulates_worse"] {
+    for name in ["traced", "candidates", "simulates_worse"] {
         old["residual"].as_object_mut().expect("an object").remove(name);
     }
     let old: Report = serde_json::from_value(old).expect("it can be read");
     assert_eq!((old.window.history, old.posterior), (None, None));
     assert!(old.residual.candidates.is_empty() && !old.residual.simulates_worse);
+    assert_eq!(old.residual.traced, None);
 }
 
 #[test]

@@ -4,6 +4,14 @@
 export const short = (value, digits = 4) =>
   value === null || value === undefined || !Number.isFinite(Number(value)) ? "–" : String(Number(Number(value).toPrecision(digits)));
 
+/** The same beside the limits that it is judged by: with as many more digits as show on which side of each it is. */
+export function beside(value, limits, digits) {
+  const side = (told) => limits.map((limit) => (limit === null ? 0 : Math.sign(told - limit))).join();
+  let text = short(value, digits);
+  for (let more = digits + 1; more <= 12 && side(text) !== side(value); more++) text = short(value, more);
+  return text;
+}
+
 /** A time in the reader's zone, to the second. */
 export const when = (time) => (time ? new Date(time).toLocaleString("sv-SE") : "–");
 

@@ -37,7 +37,7 @@ function beside({ harris, margins, settling, oscillations, op_distribution }) {
   const dead = (own) => (own.dead_time_s === null ? "for a dead time of one sample" : `for a dead time of ${lasting(own.dead_time_s)} by the loop's model, and one sample`);
   const list = [
     harris && ["Harris index", [short(harris.index, 2), harris.ci95 && `(${short(harris.ci95[0], 2)} … ${short(harris.ci95[1], 2)})`, dead(harris)].filter(Boolean).join(" ")],
-    margins && ["Margins", [margins.gain !== null && `gain ${short(margins.gain, 2)}`, margins.phase_deg !== null && `phase ${short(margins.phase_deg, 2)}°`, margins.period_s !== null && `gain crossover at ${lasting(margins.period_s)}`].filter(Boolean).join(", ")],
+    margins && ["Margins", [margins.words, margins.period_s !== null && `gain crossover at ${lasting(margins.period_s)}`].filter(Boolean).join(", ")],
     oscillations.length && ["Swings of the error", oscillations.map(swing).join("; ")],
     settling && ["Set-point steps", `${settling.settled} of ${settling.steps} settled${settling.time_s === null ? "" : ` in ${lasting(settling.time_s)}`}, overshoot ${short(100 * settling.overshoot, 2)} %`],
     op_distribution && ["OP", stayed(op_distribution)],

@@ -183,6 +183,9 @@ export function loopView(main, [id]) {
     if (report) {
       const { window: used, oscillation: swing, model, preparation: made, denoise } = report;
       facts.push(["window", `${used.n} samples, ${short(used.ts_s)} s apart, quality ${used.quality}`], ["from", when(report.window_start)], ["to", when(report.window_end)]);
+      const { traced } = report.residual;
+      // Of a stretch of its own, which may reach beyond the window.
+      if (traced && (traced.n !== used.n || Math.abs(traced.start - used.start) > used.ts_s / 2)) facts.push(["effects looked for in", `${traced.n} samples, ${when(report.traced_start)} to ${when(report.traced_end)}`]);
       if (swing) facts.push(["oscillation", `period ${lasting(swing.period_s)}, regularity ${short(swing.regularity_r, 3)}, OP ± ${short(swing.op_amplitude, 3)}`]);
       if (model) facts.push(["model", `na ${model.na}, nb ${model.nb}, nc ${model.nc}, delay ${model.nk}; error ${short(model.rmse, 3)}`]);
       if (report.posterior !== null) facts.push(["evidence for friction", short(report.delta_aic, 3)]);

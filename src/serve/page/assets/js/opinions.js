@@ -2,13 +2,15 @@
 
 import { get, loopPath } from "./api.js";
 import { h, s } from "./dom.js";
-import { short } from "./format.js";
+import { beside, short } from "./format.js";
 import { plot } from "./svg.js";
 
 const SAYS = { sticks: "sticks", sound: "sound", cannot_tell: "cannot tell" };
 // How marks of each meaning look: their class, and the word of the key.
 const TONES = { data: "pv", beside: "mv", sticks: "stem", sound: "op", mark: "alarm" };
 const WIDE = 160, HIGH = 22;
+
+const told = ({ index, threshold }) => beside(index, threshold ? [threshold.sound, threshold.sticks] : [], 3);
 
 // The index on a bar whose zones are its thresholds: sound on the left, sticks on the right, between them nothing is said.
 function bullet({ index, threshold }) {
@@ -17,7 +19,7 @@ function bullet({ index, threshold }) {
   const top = Math.max(index, sticks + 0.6 * beyond), x = (v) => ((v - floor) / (top - floor)) * WIDE;
   const zone = (from, to, kind) => s("rect", { class: kind, x: x(from), y: 6, width: Math.max(0, x(to) - x(from)), height: HIGH - 12 });
   const at = Math.min(Math.max(x(index), 2), WIDE - 2);
-  const text = `index ${short(index, 3)}; ${sound === null ? "no index clears a valve" : `sound up to ${short(sound, 3)}`}, sticks above ${short(sticks, 3)}`;
+  const text = `index ${told({ index, threshold })}; ${sound === null ? "no index clears a valve" : `sound up to ${short(sound, 3)}`}, sticks above ${short(sticks, 3)}`;
   return s("svg", { class: "bullet", viewBox: `0 0 ${WIDE} ${HIGH}`, role: "img", "aria-label": text }, s("title", null, text),
     sound === null ? "" : zone(floor, sound, "sound"), zone(sound ?? floor, sticks, "between"), zone(sticks, top, "sticks"),
     s("path", { class: "at", d: `M${at} 2V${HIGH - 2}` }));
@@ -80,7 +82,7 @@ export function opinionsPanel(id, box) {
     const target = h("div", { class: "pictures" }), { quantity } = opinion;
     const measured = quantity ? `${quantity.measures} ${short(quantity.value, 3)} ${quantity.unit}` : "";
     const summary = h("summary", null, h("span", { class: "who" }, opinion.title || opinion.method), h("span", { class: `says ${opinion.says}` }, SAYS[opinion.says] ?? opinion.says), bullet(opinion),
-      h("span", { class: "index" }, opinion.index === null ? "" : short(opinion.index, 3)), h("span", { class: "why" }, [opinion.why, measured].filter(Boolean).join("; ")));
+      h("span", { class: "index" }, opinion.index === null ? "" : told(opinion)), h("span", { class: "why" }, [opinion.why, measured].filter(Boolean).join("; ")));
     const details = h("details", { "data-method": opinion.method, open: open.has(opinion.method) }, summary, target);
     details.addEventListener("toggle", () => {
       if (!details.open) return open.delete(opinion.method);
