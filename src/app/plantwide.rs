@@ -8,6 +8,7 @@ mod margins;
 pub(super) mod rows;
 mod said;
 mod swings;
+mod valve;
 
 use super::persistence::Persistence;
 use super::silence::sources;
@@ -16,8 +17,8 @@ use crate::history::{History, TagKind};
 use crate::indicators::margins::Margins;
 use crate::indicators::series::{SCORE, Values};
 use crate::plantwide::window::{of_record, recent, silent_of};
-use crate::plantwide::{Analysis, Friction, LoopFound, Plant, PlantLoop, Untold, analyse};
-use crate::results::{Results, Summary};
+use crate::plantwide::{Analysis, LoopFound, Plant, PlantLoop, analyse};
+use crate::results::Results;
 use crate::schedule::Clock;
 use crate::serve::report::GroupPictures;
 use crate::serve::{CauseSeen, GroupSeen, Health, LoopLook, Overview, PlantwidePort, Standing, WorkLine};
@@ -36,6 +37,7 @@ use std::time::{Duration, Instant};
 use swings::swings;
 use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
+pub use valve::{friction_of, untold_of};
 
 /// Rows of a loop with more samples: as many as a ring has unless the configuration says otherwise, so that the usual ring is looked
 /// at sample by sample. Rows between samples have less noise and a coloured one, and causes are told by the noise.
@@ -154,7 +156,7 @@ impl Plant for Live<'_> {
         of.upstream.clone_from(&own.upstream);
         (of.dead_time_s, of.margins) = (self.loops[at].dead_time_s, self.loops[at].margins);
         let summary = self.results.get(&own.id, self.at.now).and_then(|known| known.summary);
-        of.friction = summary.as_ref().and_then(friction_of);
+        of.friction = summary.as_ref().and_then(|own| friction_of(own, of.op_span));
         of.untold = summary.as_ref().and_then(untold_of);
         Cow::Owned(of)
     }
@@ -394,36 +396,6 @@ impl Plantwide {
         let cost = cost(&order, &costs, &lock(&self.measures));
         WorkLine { order, cost }
     }
-}
-
-/// What a diagnosis says of a loop's valve; `None` where it cannot tell.
-pub fn friction_of(summary: &Summary) -> Option<Friction> {
-    let sticks = match summary.outcome.as_ref() {
-        "stiction" => true,
-        "no_stiction" => false,
-        _ => return None,
-    };
-    // Twice the log of the odds; beyond 100 they are no longer told apart.
-    let odds = (0.5 * summary.delta_aic.unwrap_or_default().min(100.0)).exp();
-    let words = summary.words();
-    let says = words.trim_end_matches('.').to_string();
-    Some(Friction { sticks, probability: odds / (1.0 + odds), says })
-}
-
-/// Why a diagnosis says nothing of a loop's valve; `None` where it tells.
-pub fn untold_of(summary: &Summary) -> Option<Untold> {
-    let code = match summary.outcome.as_ref() {
-        "stiction" | "no_stiction" => return None,
-        outcome => summary.reason_code.as_deref().unwrap_or(outcome),
-    };
-    // The sentence says enough without the name of the reason. Only `undersampled` adds something, which people read in plain words.
-    let (name, rest) = summary.reason.split_once(": ").unwrap_or_default();
-    let says = match name {
-        "undersampled" => format!("sampled too slowly: {rest}"),
-        name if name.to_lowercase().replace(' ', "_") == code => rest.to_string(),
-        _ => summary.reason.clone(),
-    };
-    Some(Untold { code: code.to_string(), says })
 }
 
 fn groups(plant: &dyn Plant, found: &Analysis) -> Vec<GroupSeen> {

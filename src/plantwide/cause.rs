@@ -302,7 +302,8 @@ pub(super) mod tests {
     }
 
     fn said(sticks: bool) -> Option<Friction> {
-        Some(Friction { sticks, probability: 0.9, says: "The valve sticks by 3 %".into() })
+        let says = "The valve sticks by 3 %".into();
+        Some(Friction { sticks, probability: 0.9, says, ..Friction::default() })
     }
 
     /// Signs of which one alone is not zero.

@@ -76,7 +76,8 @@ mod tests {
     }
 
     fn friction(sticks: bool) -> Option<Friction> {
-        Some(Friction { sticks, probability: 0.9, says: "The valve sticks by 3 %".into() })
+        let says = "The valve sticks by 3 %".into();
+        Some(Friction { sticks, probability: 0.9, says, ..Friction::default() })
     }
 
     /// The first of a group of two, which is its source with this probability.

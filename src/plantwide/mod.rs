@@ -11,6 +11,7 @@
 //! | `lag.rs` | which of two loops swings later, and by how much, with its standard error |
 //! | `cascade.rs` | set points that are the output of another loop |
 //! | `groups.rs` | groups of loops that oscillate together |
+//! | `friction.rs` | what a diagnosis says of a valve, and how well that explains a swing |
 //! | `rank.rs` | which member of a group is the source, with a probability and its evidence |
 //! | `signs.rs`, `cause.rs` | the features of one loop, its cause with a probability, and the sentence that operators read |
 //! | `sensor.rs` | the sentences for PV's measurement as the cause |
@@ -21,6 +22,7 @@
 pub mod cascade;
 pub mod cause;
 pub mod causes;
+mod friction;
 pub mod groups;
 pub mod lag;
 pub mod rank;
@@ -33,6 +35,7 @@ pub mod window;
 
 pub use cause::{Cause, Reason};
 pub use causes::Likely;
+pub use friction::Friction;
 pub use groups::Group;
 pub use rank::Suspect;
 pub use tasks::{Part, Task, tasks};
@@ -46,6 +49,7 @@ use crate::indicators::{Indicators, Known, indicators};
 use crate::signal::Window;
 use crate::sysid::spectrum::Transforms;
 use cascade::{Track, is_moved};
+use cause::is_judged;
 use signs::Signs;
 use spectra::{Span, Spectra};
 use std::borrow::Cow;
@@ -116,17 +120,6 @@ impl Plant for Vec<PlantLoop> {
 
 /// Length of the latest part of a longer record from which indicators are computed (s).
 pub const HOUR_S: f64 = 3600.0;
-
-/// The result of a diagnosis of a valve.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Friction {
-    /// Whether it sticks.
-    pub sticks: bool,
-    /// Posterior of friction (0..1).
-    pub probability: f64,
-    /// The result as a sentence.
-    pub says: String,
-}
 
 /// Why a diagnosis of a valve had no result.
 #[derive(Clone, Debug, PartialEq)]
@@ -215,7 +208,7 @@ pub fn analyse(plant: &dyn Plant) -> Analysis {
     cascade::masters(plant, &slaves, &outputs, Spectra::new(&spans).covered(), &mut found);
     drop(outputs);
     let swings: Vec<&[Oscillation]> = found.iter().map(|of| of.oscillations.as_slice()).collect();
-    let mut groups = groups::groups(&swings, &grids);
+    let mut groups = groups::groups(&swings, &sticking(&found), &grids);
     set_groups(&groups, &mut found);
     let mut rank = |(number, group): (usize, &Group)| {
         rank::rank(number, group, plant, &found, &grids[group.grid], &mut transforms)
@@ -227,6 +220,13 @@ pub fn analyse(plant: &dyn Plant) -> Analysis {
         found[at].causes = causes::causes(at, &found, &groups);
     }
     Analysis { loops: found, groups }
+}
+
+/// Whether each loop's valve clearly sticks. A master has no valve of its own, and in manual friction limits no cycle.
+fn sticking(found: &[LoopFound]) -> Vec<bool> {
+    let is_master = |at: usize| found.iter().any(|of| of.master == Some(at));
+    let is_clear = |of: &LoopFound| of.friction.as_ref().is_some_and(Friction::is_clear);
+    found.iter().enumerate().map(|(at, of)| is_clear(of) && is_judged(of) && !is_master(at)).collect()
 }
 
 /// Sets for each loop the group of its largest oscillation.
@@ -358,8 +358,7 @@ mod tests {
         let mut plant: Vec<PlantLoop> = (0..3).map(|seed| swinging(seed, fast)).collect();
         plant.push(swinging(3, |t| 0.6 * fast(t) + slow(t)));
         plant.push(swinging(4, slow));
-        plant[3].friction =
-            Some(Friction { sticks: true, probability: 0.99, says: "The valve sticks".into() });
+        plant[3].friction = Some(Friction::of(true, 100.0, false));
         let found = analyse(&plant);
         let sizes: Vec<usize> = found.groups.iter().map(|group| group.members.len()).collect();
         assert_eq!((sizes, found.loops[3].group), (vec![4, 2], Some(1)));

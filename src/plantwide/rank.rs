@@ -15,7 +15,7 @@
 //! | lead | mean lead over each other member (periods), weighted by its certainty | a cause comes first |
 //! | master | 1 where its output is another member's set point | it has no valve of its own |
 //! | upstream | share of the members downstream of it less that upstream, by the configured streams | streams carry the oscillation |
-//! | sticks | ln of the odds of friction by a diagnosis, over their maximum; in the group of the loop's largest oscillation alone | the valve limits the cycle |
+//! | sticks | how well the friction of a diagnosis explains the swing (`friction.rs`), times its evidence over that of the member where both together are largest, at most 1; in the group of the loop's largest oscillation alone, and 0 for a master | the valve limits the cycle |
 //!
 //! Suspects are the members that can be judged: good samples over half of the time, and in manual for at most half of it. A loop in
 //! manual has no limit cycle of its own, and a suspicion of it leads to no order. So P is the probability of a source among the
@@ -29,6 +29,7 @@
 //! is largest at the source).
 
 use super::cause::is_judged;
+use super::friction::swing;
 use super::groups::Group;
 use super::lag::delay;
 use super::signs::{PURE, whole};
@@ -43,6 +44,8 @@ use nalgebra::Complex;
 pub const SIGNS: usize = 8;
 /// Weights of the signs.
 const WEIGHTS: [f64; SIGNS] = [2.766, 0.019, -1.324, 0.069, 3.639, -0.888, 2.0, STICKS];
+/// Position of the sign *sticks*.
+const STICKING: usize = 7;
 /// Weight of a diagnosis that the valve sticks: ln of the ratio of two rates, that of this diagnosis for valves that start an
 /// oscillation (22 of 26) and for other loops (2 of 589), in `causes rows --first 20000 --plants 235`.
 const STICKS: f64 = 5.0;
@@ -171,7 +174,7 @@ fn signs(
         if weights > 0.0 { sum / weights } else { 0.0 }
     };
     let downstream = downstream(members, &group.members, found);
-    members
+    let mut signs: Vec<[f64; SIGNS]> = members
         .iter()
         .zip(downstream)
         .map(|(&i, downstream)| {
@@ -180,9 +183,11 @@ fn signs(
             let op = whole(&of.op, transforms);
             let pv = spectra.spectrum(i);
             let is_master = group.members.iter().any(|j| found[*j].master == Some(i));
-            // A valve has one limit cycle: it can be the source of the loop's largest oscillation only.
-            let sticks =
-                if found[i].group == Some(number) { found[i].signs[super::signs::STICKS] } else { 0.0 };
+            // A valve has one limit cycle: it can be the source of the loop's largest oscillation only. A master has no valve: what
+            // sticks between its OP and its PV is its slave's.
+            let friction =
+                found[i].friction.as_ref().filter(|_| found[i].group == Some(number) && !is_master);
+            let swing = op.as_ref().map(|op| swing(op, group.period_s / of.ts));
             [
                 (share(i) / most).ln(),
                 (pv.map_or(0.0, |bins| harmonics(bins, spectra.m(), group.period_s / spectra.ts)) + PURE)
@@ -192,10 +197,25 @@ fn signs(
                 lead(i),
                 f64::from(u8::from(is_master)),
                 downstream,
-                sticks / super::signs::SURE,
+                friction.map_or(0.0, |friction| friction.explains(swing)),
             ]
         })
-        .collect()
+        .collect();
+    compare_evidence(&mut signs, |k| found[members[k]].friction.as_ref().map_or(0.0, |own| own.evidence));
+    signs
+}
+
+/// Weighs several valves that stick: the sign of each is multiplied by its evidence over that of the valve where the product of both is
+/// largest, at most by 1. So the sign of that valve stays as it is, and evidence that is just enough for a verdict counts less beside
+/// evidence that is beyond doubt. `evidence`: that of each suspect (-).
+fn compare_evidence(signs: &mut [[f64; SIGNS]], evidence: impl Fn(usize) -> f64) {
+    let told = |own: &[f64; SIGNS], k: usize| own[STICKING] * evidence(k);
+    let best = signs.iter().enumerate().max_by(|a, b| told(a.1, a.0).total_cmp(&told(b.1, b.0)));
+    let most = best.map_or(0.0, |best| evidence(best.0));
+    if most > 0.0 {
+        let scaled = |k: usize| (evidence(k) / most).clamp(0.0, 1.0);
+        signs.iter_mut().enumerate().for_each(|(k, own)| own[STICKING] *= scaled(k));
+    }
 }
 
 /// Power of the second and the third harmonic, less that between the harmonics, over the power of the fundamental (-).
@@ -255,7 +275,7 @@ fn downstream(suspects: &[usize], through: &[usize], found: &[LoopFound]) -> Vec
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plantwide::{Cause, PlantLoop, analyse, tasks};
+    use crate::plantwide::{Cause, Friction, PlantLoop, analyse, tasks};
     use crate::signal::{Row, Window};
 
     /// Samples of a day at one minute.
@@ -303,6 +323,62 @@ mod tests {
         }
         let found = analyse(&plant);
         assert_eq!((found.groups.len(), found.groups[0].suspects.len(), tasks(&found).len()), (1, 0, 0));
+    }
+
+    /// A valve that sticks with this evidence (-) and S (OP unit).
+    fn sticking(evidence: f64, band: f64, is_contested: bool) -> Option<Friction> {
+        let says = format!("it ignores {band}");
+        Some(Friction { band: Some(band), says, ..Friction::of(true, evidence, is_contested) })
+    }
+
+    #[test]
+    fn of_two_valves_that_stick_the_one_that_sustains_the_swing_is_the_source() {
+        // OP of each swings by 2 from peak to peak, and the first is upstream of the others.
+        let mut plant = alike(3);
+        plant[0].friction = sticking(21.0, 0.15, true);
+        plant[1].friction = sticking(700.0, 1.5, false);
+        let of_both = analyse(&plant).groups.remove(0).suspects;
+        let first = &of_both[0];
+        assert!(first.at == 1 && first.probability > 0.6, "{of_both:?}");
+        assert_eq!(first.evidence.first().map(String::as_str), Some("it ignores 1.5"));
+        let sign = |suspects: &[Suspect], at: usize| {
+            suspects.iter().find(|own| own.at == at).map_or(f64::NAN, |own| own.signs[STICKING])
+        };
+        // 15 % of what sustains the swing, contested, with 21 % of the other's evidence.
+        assert!((sign(&of_both, 0) - 0.15 * 0.5 * 0.21).abs() < 1e-3, "{of_both:?}");
+        assert_eq!(sign(&of_both, 1), 1.0);
+        // Alone, a valve that explains the swing counts as much whatever its evidence is.
+        (plant[0].friction, plant[1].friction) = (None, sticking(21.0, 1.5, false));
+        assert_eq!(sign(&analyse(&plant).groups.remove(0).suspects, 1), 1.0);
+    }
+
+    #[test]
+    fn what_sticks_behind_a_master_is_not_its_own() {
+        let mut plant = alike(3);
+        plant[0].friction = sticking(100.0, 1.5, false);
+        plant[2].window.sp = Some(plant[0].window.op.clone());
+        let found = analyse(&plant);
+        assert_eq!(found.loops[2].master, Some(0));
+        assert!(found.groups[0].suspects.iter().all(|own| own.signs[STICKING] == 0.0), "{:?}", found.groups);
+    }
+
+    #[test]
+    fn evidence_counts_beside_that_of_the_valve_that_explains_the_swing_best() {
+        let compared = |explains: [f64; 3], evidence: [f64; 3]| {
+            let mut signs = explains.map(|x| {
+                let mut own = [0.5; SIGNS];
+                own[STICKING] = x;
+                own
+            });
+            compare_evidence(&mut signs, |k| evidence[k]);
+            assert!(signs.iter().all(|own| own[0] == 0.5), "no other sign changes: {signs:?}");
+            signs.map(|own| own[STICKING])
+        };
+        assert_eq!(compared([1.0, 1.0, 0.0], [100.0, 25.0, 0.0]), [1.0, 0.25, 0.0]);
+        // The most evidence for friction that is too small does not beat it, and is not raised by it.
+        assert_eq!(compared([0.125, 1.0, 0.0], [100.0, 50.0, 0.0]), [0.125, 1.0, 0.0]);
+        assert_eq!(compared([0.0, 0.0, 0.0], [0.0, 3.0, 0.0]), [0.0; 3]);
+        compare_evidence(&mut [], |_| 0.0);
     }
 
     #[test]

@@ -27,8 +27,6 @@ use crate::sysid::stats::{mean, range};
 pub const SIGNS: usize = 14;
 /// Position of the sign *held*.
 pub const HELD: usize = 3;
-/// Position of the sign *sticks*.
-pub const STICKS: usize = 9;
 /// The signs of one loop.
 pub type Signs = [f64; SIGNS];
 /// Added to the share of harmonics (-): no measured sine is purer.

@@ -73,6 +73,7 @@ pub use findings::{
 };
 pub use settings::Settings;
 pub use trace::Row;
+pub use verdict::overruled;
 pub use window::window;
 
 use crate::diagnosis::gate::{Gated, gate};

@@ -47,6 +47,11 @@ pub struct Answer {
     pub asked: bool,
 }
 
+/// The clause that ends the reason of a verdict which tracing contested, and the held-out samples upheld.
+pub fn overruled() -> &'static str {
+    "tracing gives another verdict, but its model predicts the last fifth of the samples worse"
+}
+
 impl Question<'_> {
     /// The verdict.
     ///
@@ -60,10 +65,8 @@ impl Question<'_> {
                 return Answer { friction, verdict, reason, by_tracing: true, asked };
             }
         }
-        let overruled =
-            "tracing gives another verdict, but its model predicts the last fifth of the samples worse";
         let own = bare_reason(self.diagnosis, self.settings.op_span);
-        let clauses = [Some(own), asked.then_some(overruled)];
+        let clauses = [Some(own), asked.then(overruled)];
         let clauses = clauses.into_iter().flatten().filter(|clause| !clause.is_empty());
         let reason = clauses.collect::<Vec<_>>().join("; ");
         let verdict = self.diagnosis.verdict.clone();

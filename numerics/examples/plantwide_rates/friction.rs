@@ -2,7 +2,7 @@
 
 use stictiond_numerics::diagnosis::{self, Verdict, diagnose};
 use stictiond_numerics::plantwide::Friction;
-use stictiond_numerics::residual::{self, trace_record};
+use stictiond_numerics::residual::{self, overruled, trace_record};
 use stictiond_numerics::signal::{Record, Sample};
 use stictiond_numerics::sim::Run;
 
@@ -29,6 +29,9 @@ pub fn friction(run: &Run) -> Option<Friction> {
         Verdict::NoStiction => false,
         Verdict::NotIdentifiable(_) => return None,
     };
-    let odds = (0.5 * delta_aic.min(100.0)).exp();
-    Some(Friction { sticks, probability: odds / (1.0 + odds), says: "The valve sticks".into() })
+    let f = traced.map(|found| found.friction_after.f).or(diagnosis.estimate.as_ref().map(|own| own.f));
+    let is_contested = traced.is_some_and(|found| found.reason.contains(overruled()));
+    // OP is in % of its span, and S is twice f.
+    let (band, says) = (f.map(|f| 2.0 * f), "The valve sticks".into());
+    Some(Friction { band, says, ..Friction::of(sticks, delta_aic, is_contested) })
 }

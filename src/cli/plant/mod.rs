@@ -219,7 +219,7 @@ fn diagnose(
             outcome: Outcome::Diagnosed(Box::new(judged)),
         };
         let summary: Summary = run.summary();
-        own.friction = friction_of(&summary);
+        own.friction = friction_of(&summary, own.op_span);
         own.untold = untold_of(&summary);
         own.dead_time_s = dead_time_s;
         let latest = places.get(run.id.as_str()).and_then(|at| plant.recent.get_mut(*at));
