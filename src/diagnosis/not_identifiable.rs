@@ -78,12 +78,14 @@ pub enum NotIdentifiable {
     },
     /// A term of write-back acted. It hides friction, so friction that does not show may be there.
     Compensated,
-    /// Friction of any size would not have shown.
+    /// Friction up to the largest that was tried could be hidden.
     HiddenFriction {
         /// Largest reversal of OP, in words.
         reversal: String,
-        /// Largest S, dead band plus stick band, that was tried and would not have shown, in words; `None` where there is none.
+        /// Largest S, dead band plus stick band, that was tried, in words; `None` where there is none.
         friction: Option<String>,
+        /// Least and largest S that the record excludes all the same, in words: less friction could be hidden, and more.
+        excluded: Option<[String; 2]>,
     },
     /// OP moves, and PV does not respond visibly beside its other influences: a large load, a valve that is always stuck, or a
     /// valve of another loop.
@@ -228,17 +230,20 @@ impl fmt::Display for NotIdentifiable {
             Self::Compensated => {
                 write!(out, "compensated: a term of write-back acted, and hides the friction that is left")
             }
-            Self::HiddenFriction { reversal, friction } => {
-                match friction {
-                    Some(s) => write!(
-                        out,
-                        "hidden friction: no friction that was tried, up to S = {s}, would show beside what else moves PV"
-                    )?,
-                    None => {
-                        write!(out, "hidden friction: friction would not show beside what else moves PV")?
+            Self::HiddenFriction { reversal, friction, excluded } => {
+                let which = match (friction, excluded) {
+                    (Some(s), Some([low, high])) => format!(
+                        "friction of S = {low} to {high} is excluded, but less, or more up to S = {s}, could be hidden"
+                    ),
+                    (Some(s), None) => {
+                        format!("friction of any size that was tried, up to S = {s}, could be hidden")
                     }
-                }
-                write!(out, "; OP never reverses by more than {reversal}")
+                    (None, _) => "friction would not show".to_string(),
+                };
+                write!(
+                    out,
+                    "hidden friction: {which} beside what else moves PV; OP never reverses by more than {reversal}"
+                )
             }
             Self::NoResponse => {
                 write!(out, "no response: other influences on PV hide whether PV follows OP")
@@ -284,18 +289,25 @@ mod tests {
 
     #[test]
     fn what_was_tried_is_told_apart_from_what_op_did() {
-        let said = |friction: Option<&str>| {
-            let friction = friction.map(str::to_string);
-            NotIdentifiable::HiddenFriction { reversal: "11.5 % OP".into(), friction }.to_string()
+        let said = |friction: Option<&str>, excluded: Option<[&str; 2]>| {
+            let (friction, excluded) =
+                (friction.map(str::to_string), excluded.map(|ends| ends.map(str::to_string)));
+            NotIdentifiable::HiddenFriction { reversal: "11.5 % OP".into(), friction, excluded }.to_string()
         };
+        let end = "beside what else moves PV; OP never reverses by more than 11.5 % OP";
         assert_eq!(
-            said(Some("0.888 % OP")),
-            "hidden friction: no friction that was tried, up to S = 0.888 % OP, would show beside what else moves PV; OP never reverses \
-             by more than 11.5 % OP"
+            said(Some("0.888 % OP"), None),
+            format!(
+                "hidden friction: friction of any size that was tried, up to S = 0.888 % OP, could be hidden {end}"
+            )
         );
         assert_eq!(
-            said(None),
-            "hidden friction: friction would not show beside what else moves PV; OP never reverses by more than 11.5 % OP"
+            said(Some("0.888 % OP"), Some(["0.100 % OP", "0.300 % OP"])),
+            format!(
+                "hidden friction: friction of S = 0.100 % OP to 0.300 % OP is excluded, but less, or more up to S = 0.888 % OP, could be \
+                 hidden {end}"
+            )
         );
+        assert_eq!(said(None, None), format!("hidden friction: friction would not show {end}"));
     }
 }

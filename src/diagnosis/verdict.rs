@@ -218,7 +218,9 @@ fn judge(record: &Record, gated: &Gated, settings: &Settings) -> Diagnosis {
     let chosen = sticking.unwrap_or(sound);
     let bounds = match (sticking, weighed) {
         (Some(sticky), _) => interval_with_unseen(problem, &preparation, &cells, &sticky),
-        (None, weighed) => interval_from_zero(problem, &cells, &sound, weighed.map(|found| found.0)),
+        (None, weighed) => {
+            interval_from_zero(problem, &preparation, &cells, &sound, weighed.map(|found| found.0))
+        }
     };
     let (low, high) = range(&window.op);
     let (_, stem) = searcher.errors(&chosen);
@@ -309,12 +311,14 @@ fn interval_with_unseen(
 /// The interval of f for f = 0 (unit of the problem's OP): from 0 up to what the record could have hidden.
 fn interval_from_zero(
     p: &Problem,
+    preparation: &Preparation,
     cells: &[CellPoint],
     sound: &Refined,
     sticky: Option<Refined>,
 ) -> [f64; 2] {
-    let high = sticky.map_or(p.f_top, |sticky| interval(p, cells, sound)[1].min(sticky.f.max(0.0) + p.f_top));
-    [0.0, high]
+    let most = |sticky: Refined| sticky.f.max(0.0) + p.f_top;
+    let own = || interval_with_unseen(p, preparation, cells, sound)[1];
+    [0.0, sticky.map_or(p.f_top, |sticky| own().min(most(sticky)))]
 }
 
 /// The normalisation of a window: subtract the mean, divide by the standard deviation.

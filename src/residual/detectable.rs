@@ -25,6 +25,7 @@
 
 use super::fit::Fitted;
 use super::hypothesis::Hypothesis;
+use super::interval::unseen_step;
 use super::valve_search::cost;
 use crate::sysid::armax::{Armax, ORDER};
 use crate::sysid::arx::Arx;
@@ -59,7 +60,10 @@ const VALVES: [(StopRule, f64); 3] =
 ///
 /// * `fitted`: the model of the record, with friction or without.
 /// * `evidence`: twice the log odds that a verdict asks for (-).
-pub fn detectable(data: &IdData, fitted: &Fitted, evidence: f64) -> Option<f64> {
+/// * `fast`: where the controller scanned between the samples, the quantile (0..1) of the steps of OP of which one is added: the
+///   stem turned at values of OP that the power knows nothing of ([`unseen_step`]). Elsewhere nothing is added, as in the
+///   calibration of `MARGIN`.
+pub fn detectable(data: &IdData, fitted: &Fitted, evidence: f64, fast: Option<f64>) -> Option<f64> {
     let Fitted { hypothesis, model, .. } = fitted;
     let stem = hypothesis.to_process(data, hypothesis.stem(data).0);
     let none = WithoutFriction::new(data, hypothesis);
@@ -86,7 +90,7 @@ pub fn detectable(data: &IdData, fitted: &Fitted, evidence: f64) -> Option<f64> 
         };
         values(data).find(shown)
     };
-    VALVES.into_iter().filter_map(least).reduce(f64::max).map(|f| MARGIN * f)
+    VALVES.into_iter().filter_map(least).reduce(f64::max).map(|f| MARGIN * f + unseen_step(data, fast))
 }
 
 /// Share of the fitted samples that are informative: those at which PV moves, where it moves in steps; otherwise 1. Values that
@@ -230,7 +234,7 @@ mod tests {
     fn more_noise_hides_more_and_enough_of_it_all() {
         let least = |noise: f64| {
             let (data, none) = sound(noise);
-            detectable(&data, &none, 20.0).map(|f| f * data.units.u)
+            detectable(&data, &none, 20.0, None).map(|f| f * data.units.u)
         };
         let (quiet, noisy) = (least(0.01), least(0.3));
         assert!(quiet.is_some_and(|f| f < 0.1), "{quiet:?}");
@@ -241,14 +245,24 @@ mod tests {
     #[test]
     fn more_evidence_asks_for_more_friction() {
         let (data, none) = sound(0.1);
-        let [little, much] = [20.0, 100.0].map(|evidence| detectable(&data, &none, evidence));
+        let [little, much] = [20.0, 100.0].map(|evidence| detectable(&data, &none, evidence, None));
         assert!(much > little && little.is_some(), "{little:?} {much:?}");
+    }
+
+    #[test]
+    fn where_scans_are_not_seen_it_is_larger_by_the_fast_step_of_op() {
+        let (data, none) = sound(0.1);
+        let of = |fast| detectable(&data, &none, 20.0, fast).expect("little noise");
+        let mut steps: Vec<f64> = data.u.windows(2).map(|w| (w[1] - w[0]).abs()).collect();
+        steps.sort_by(f64::total_cmp);
+        let more = of(Some(1.0)) - of(None);
+        assert!((more - steps[steps.len() - 1]).abs() < 1e-9, "{more}");
     }
 
     #[test]
     fn friction_just_above_it_is_found() {
         let (data, none) = sound(0.1);
-        let f = 1.05 * detectable(&data, &none, 20.0).expect("little noise");
+        let f = 1.05 * detectable(&data, &none, 20.0, None).expect("little noise");
         let valve = ValveModel { s: 2.0 * f, j: 2.0 * f, ..ValveModel::default() };
         let stuck = Hypothesis { valve: Some(valve), effects: Vec::new() };
         let mut sticking = data.clone();

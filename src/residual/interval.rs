@@ -4,15 +4,19 @@
 //! LR(f) = 2 tau (ln L_max - ln L(f)),   interval: the hull of {LR <= 7.35}, plus one step of OP at both ends
 //! ```
 //!
+//! Without friction the interval goes from 0 to the largest f that is not excluded, plus the fast step of OP where the controller
+//! scanned between the samples ([`unseen_step`]).
+//!
 //! f is a threshold: it decides at which samples the stem reverses. So the 95 % point of its likelihood ratio is 7.35, and not the
 //! 3.84 of chi-squared. Each end is the first tried f outside. The stem reverses at some time between two samples, which the
-//! likelihood cannot tell: hence the median step of OP at both ends. The likelihood is tempered as in the verdict, because a model
-//! of a valve is only nearly right. The error of the models of valves is added to both ends (`sysid/valve/model_error.rs`).
+//! likelihood cannot tell: hence the step of OP at both ends ([`step_of_op`]). The likelihood is tempered as in the verdict, because
+//! a model of a valve is only nearly right. The error of the models of valves is added to both ends
+//! (`sysid/valve/model_error.rs`).
 //!
 //! Source: Hansen, Econometrica 2000, 68, 575, table 1.
 
 use super::hypothesis::Hypothesis;
-use super::valve_search::hidden_friction;
+use super::valve_search::{excluded_friction, hidden_friction};
 use crate::sysid::arx::Arx;
 use crate::sysid::criterion::TEMPERING;
 use crate::sysid::iddata::IdData;
@@ -29,13 +33,48 @@ const STEPS: [f64; 18] = [
 /// Values outside in a row after which the search to one side ends.
 const BEYOND: usize = 4;
 
-/// The 95 % interval of f beside the effects (standard deviations of OP). Without friction it goes from 0 to the largest friction
-/// that could be hidden.
+/// The step of OP by which every end of an interval of f is moved outwards (standard deviations of OP): the median one.
 ///
 /// * `fast`: where the controller scanned between the samples, a high quantile (0..1) of the steps of OP, which takes the place of
 ///   the median. An extremum of OP between two samples then lies beyond both, by as much as OP moves from one to the next there.
+pub fn step_of_op(data: &IdData, fast: Option<f64>) -> f64 {
+    let steps: Vec<f64> = data.u.windows(2).map(|w| (w[1] - w[0]).abs()).collect();
+    fast.map_or_else(|| median(&steps), |fast| quantile(&steps, fast))
+}
+
+/// The step of OP by which a bound is raised that no estimate of f stands behind (standard deviations of OP): the fast one where the
+/// controller scanned between the samples, else 0: where every scan is a sample, how often such a bound holds was counted without it.
+///
+/// * `fast`: as in [`step_of_op`].
+pub fn unseen_step(data: &IdData, fast: Option<f64>) -> f64 {
+    fast.map_or(0.0, |_| step_of_op(data, fast))
+}
+
+/// The friction that the record excludes beside the effects although it does not exclude the largest: the ends of the longest run
+/// of values of f that are excluded, each moved inwards by the step of OP (standard deviations of OP). `None` where nothing is left
+/// of the run, and where the largest f is excluded, since the interval has that.
+///
+/// * `fast`: as in [`step_of_op`].
+pub fn excluded_below_the_largest(
+    data: &IdData,
+    hypothesis: &Hypothesis,
+    fast: Option<f64>,
+) -> Option<[f64; 2]> {
+    let [low, high] = excluded_friction(data, hypothesis, THRESHOLD_95)?;
+    let step = step_of_op(data, fast);
+    let (low, high) = (low + step, high - step);
+    (low < high).then_some([low, high])
+}
+
+/// The 95 % interval of f beside the effects (standard deviations of OP). Without friction it goes from 0 to the largest friction
+/// that could be hidden.
+///
+/// * `fast`: as in [`step_of_op`].
 pub fn interval(data: &IdData, hypothesis: &Hypothesis, fast: Option<f64>) -> [f64; 2] {
-    let Some(valve) = hypothesis.valve else { return [0.0, hidden_friction(data, hypothesis, THRESHOLD_95)] };
+    let Some(valve) = hypothesis.valve else {
+        return [0.0, hidden_friction(data, hypothesis, THRESHOLD_95) + unseen_step(data, fast)];
+    };
+    let step = step_of_op(data, fast);
     let (signals, y) = (hypothesis.signals(data), hypothesis.pv(data));
     let arx = Arx::new(data, &y, &signals.shapes);
     let best = arx.fit(&signals.x, None);
@@ -73,7 +112,5 @@ pub fn interval(data: &IdData, hypothesis: &Hypothesis, fast: Option<f64>) -> [f
         rated.get(last + 1).map(|own| 0.5 * own.0)
     };
     let (low, high) = (end(&sides[0]).unwrap_or(0.0), end(&sides[1]).unwrap_or(data.f_max).max(valve.f()));
-    let steps: Vec<f64> = data.u.windows(2).map(|w| (w[1] - w[0]).abs()).collect();
-    let step = fast.map_or_else(|| median(&steps), |fast| quantile(&steps, fast));
     with_model_error(valve.f(), [(low - step).max(0.0), high + step])
 }

@@ -12,6 +12,7 @@ use super::findings::{Curves, Described, Effect, Evidence, Findings, Kind, Lasti
 use super::fit::{Fitted, fit_anew};
 use super::held_out::{Validation, held_out_gain, validate};
 use super::hypothesis::{Hypothesis, direct_lags};
+use super::interval::excluded_below_the_largest;
 use super::response::pv_follows_stem;
 use super::settings::Settings;
 use super::verdict::{Question, friction_before};
@@ -100,8 +101,10 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> R
     }
     // Where OP and PV of a row were read at different times, the least f that would have shown is not known.
     let read_together = diagnosis.preparation.apart().is_none();
-    let least_shown = read_together.then(|| detectable(&data, &best, settings.evidence_threshold)).flatten();
-    let f_detectable = answer.bound(&data, least_shown);
+    let fast = diagnosis.preparation.unseen_moves();
+    let shown = || detectable(&data, &best, settings.evidence_threshold, fast);
+    let f_detectable = answer.bound(&data, read_together.then(shown).flatten());
+    answer.tell_excluded(&data, || excluded_below_the_largest(&data, &best.hypothesis, fast));
     let (stem, dir) = best.hypothesis.stem(&data);
     let failed = checks::failed(&data, (&stem, &dir), &after.e, 2 * ORDER);
     // A record on which tracing and diagnosis differ, or which lies between two kinds of effect, has to be searched again.

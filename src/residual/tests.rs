@@ -9,13 +9,15 @@ use crate::diagnosis::rivals::Rival;
 use crate::diagnosis::verdict::could_be_hidden;
 use crate::diagnosis::verdict::tests::estimate;
 use crate::diagnosis::{
-    Estimate, HistoryFound, HistoryKind, NotIdentifiable, Preparation, Verdict, diagnose, diagnose_gated,
+    Acquisition, Estimate, HistoryFound, HistoryKind, NotIdentifiable, Preparation, Verdict, diagnose,
+    diagnose_gated,
 };
 use crate::signal::{Role, Sample};
 use crate::sim::scenarios::table2_loop;
 use crate::sim::{LoopSpec, SensorSpec, simulate};
 use crate::sysid::armax::Armax;
 use crate::sysid::iddata::{IdData, Units};
+use crate::sysid::stats::{median, quantile};
 use crate::sysid::valve::{Start, ValveModel};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -196,16 +198,16 @@ fn the_largest_reversal_is_told_whichever_way_it_goes() {
     let mut answer = standing(&data, &declared(1.5));
     assert_eq!(answer.bound(&data, None), None);
     let [reversal, friction] = ["10.000 % OP", "3.000 % OP"].map(String::from);
-    let hidden = NotIdentifiable::HiddenFriction { reversal, friction: Some(friction) };
+    let hidden = NotIdentifiable::HiddenFriction { reversal, friction: Some(friction), excluded: None };
     assert_eq!(answer.verdict, Verdict::NotIdentifiable(hidden));
     assert_eq!(
         answer.reason,
-        "hidden friction: no friction that was tried, up to S = 3.000 % OP, would show beside what else moves PV; OP never reverses by \
-         more than 10.000 % OP"
+        "hidden friction: friction of any size that was tried, up to S = 3.000 % OP, could be hidden beside what else moves PV; OP never \
+         reverses by more than 10.000 % OP"
     );
     // Of a bound beyond every valve that was tried only these are spoken of, and of none nothing is said.
     for (f_max, said) in [
-        (1.5, "no friction that was tried, up to S = 3.000 % OP, would show"),
+        (1.5, "friction of any size that was tried, up to S = 3.000 % OP, could be hidden"),
         (0.0, ": friction would not show"),
     ] {
         let data = IdData { f_max, ..data.clone() };
@@ -213,6 +215,57 @@ fn the_largest_reversal_is_told_whichever_way_it_goes() {
         assert_eq!(answer.bound(&data, None), None);
         assert!(answer.reason.contains(said), "{}", answer.reason);
     }
+}
+
+#[test]
+fn hidden_friction_is_told_with_what_the_record_excludes_all_the_same() {
+    let data = of_op(vec![0.0, 5.0, 2.0, 12.0, 11.0], Start { index: 1, is_max: true }, 1.5);
+    let traced = || Answer { by_tracing: true, ..standing(&data, &declared(1.5)) };
+    let mut answer = traced();
+    assert_eq!(answer.bound(&data, None), None);
+    let whole = answer.reason.clone();
+    answer.tell_excluded(&data, || None);
+    assert_eq!(answer.reason, whole, "nothing is excluded");
+    answer.tell_excluded(&data, || Some([0.4, 1.0]));
+    assert_eq!(
+        answer.reason,
+        "hidden friction: friction of S = 0.800 % OP to 2.000 % OP is excluded, but less, or more up to S = 3.000 % OP, could be hidden \
+         beside what else moves PV; OP never reverses by more than 10.000 % OP"
+    );
+    assert!(matches!(
+        &answer.verdict,
+        Verdict::NotIdentifiable(NotIdentifiable::HiddenFriction { excluded: Some(_), .. })
+    ));
+    // Another verdict has its bound, and the diagnosis knows of no effects beside which anything would be excluded.
+    for mut other in [traced(), standing(&data, &declared(1.5))] {
+        if !other.by_tracing {
+            other.bound(&data, None);
+        }
+        let before = other.reason.clone();
+        other.tell_excluded(&data, || panic!("it is not asked"));
+        assert_eq!(other.reason, before);
+    }
+}
+
+#[test]
+fn a_bound_is_wider_where_the_controller_may_have_acted_unseen() {
+    let (data, best) = dead_band();
+    let none = best.hypothesis.with_valve(None);
+    let fast = Preparation::default().reading.fast;
+    let steps: Vec<f64> = data.u.windows(2).map(|w| (w[1] - w[0]).abs()).collect();
+    let more = quantile(&steps, fast) - median(&steps);
+    let [seen, unseen] = [None, Some(fast)].map(|fast| interval(&data, &none, fast)[1]);
+    assert!(more > 0.0 && (unseen - seen - more).abs() < 1e-9, "{unseen} {seen} {more}");
+    // So it is where the likeliest model has a valve that is not believed.
+    let acquisition =
+        Acquisition { poll_s: Some(1.0), jitter_s: Some(0.05), recovered: false, ..Acquisition::default() };
+    let preparation = Preparation { acquisition: Some(Box::new(acquisition)), ..Preparation::default() };
+    assert_eq!(preparation.unseen_moves(), Some(fast));
+    let diagnosis = Diagnosis { preparation, ..Diagnosis::bare(Verdict::NoStiction, "made for a test") };
+    let answer = unbelieved(&data, &best, &diagnosis, true);
+    assert_eq!(answer.verdict, Verdict::NoStiction);
+    let high = answer.friction.f_ci95[1] / data.units.u;
+    assert!((high - unseen).abs() < 1e-9, "{high} {unseen}");
 }
 
 #[test]

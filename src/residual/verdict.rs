@@ -110,7 +110,7 @@ impl Question<'_> {
             // That interval takes friction for granted, with one stop rule. Without significant friction, every f that the record
             // does not exclude against none is possible.
             let none = best.hypothesis.with_valve(None);
-            within[1] = within[1].max(interval(data, &none, None)[1] * unit);
+            within[1] = within[1].max(interval(data, &none, fast)[1] * unit);
         }
         let friction = Friction {
             f: if sticks { f } else { 0.0 },
@@ -171,12 +171,29 @@ impl Answer {
             let s = 2.0 * bound.min(most);
             let friction = (s.is_finite() && s > 0.0).then(|| data.units.along_op(s));
             let reversal = data.units.along_op(reversal);
-            self.cannot_tell(NotIdentifiable::HiddenFriction { reversal, friction });
+            self.cannot_tell(NotIdentifiable::HiddenFriction { reversal, friction, excluded: None });
         } else {
             // This is the only place that writes the bound into the sentence.
             self.reason += &could_be_hidden(bound, data.units.span);
         }
         detectable.map(|_| bound)
+    }
+
+    /// Adds to hidden friction which friction the record excludes all the same, where tracing decided.
+    ///
+    /// * `excluded`: finds the least and the largest f of it (standard deviations of OP). It is asked only where friction is hidden,
+    ///   because it fits many valves.
+    pub fn tell_excluded(&mut self, data: &IdData, excluded: impl FnOnce() -> Option<[f64; 2]>) {
+        let Verdict::NotIdentifiable(NotIdentifiable::HiddenFriction { reversal, friction, .. }) =
+            &self.verdict
+        else {
+            return;
+        };
+        let (reversal, friction) = (reversal.clone(), friction.clone());
+        if let Some(f) = self.by_tracing.then(excluded).flatten() {
+            let excluded = Some(f.map(|f| data.units.along_op(2.0 * f * data.units.u)));
+            self.cannot_tell(NotIdentifiable::HiddenFriction { reversal, friction, excluded });
+        }
     }
 
     /// Makes the verdict `not_identifiable`.

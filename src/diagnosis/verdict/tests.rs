@@ -184,15 +184,20 @@ fn the_interval_is_wider_where_the_controller_may_have_acted_unseen() {
     let orders = Orders { na: 1, nb: 1, nc: 4, nk: 1 };
     let fit = Fit { orders, theta: Theta::default(), loss: 1.0, iterations: 1 };
     let sticky = Refined { cell, resume: 0.0, f: 2.25, fit, long_loss: 1.0, long_lag: 0.0 };
-    let of = |jitter_s: f64, recovered: bool| {
+    let prepared = |jitter_s: f64, recovered: bool| {
         let (poll_s, jitter_s) = (Some(1.0), Some(jitter_s));
         let acquisition = Acquisition { poll_s, jitter_s, recovered, ..Acquisition::default() };
-        let preparation =
-            Preparation { acquisition: Some(Box::new(acquisition)), decimation: 1, ..Preparation::default() };
-        interval_with_unseen(&p, &preparation, &[], &sticky)
+        Preparation { acquisition: Some(Box::new(acquisition)), decimation: 1, ..Preparation::default() }
+    };
+    let of = |jitter_s: f64, recovered: bool| {
+        interval_with_unseen(&p, &prepared(jitter_s, recovered), &[], &sticky)
     };
     let seen = interval(&p, &[], &sticky);
     assert_eq!((of(0.0, false), of(0.05, true)), (seen, seen));
     let [low, high] = of(0.05, false);
     assert!((low - (seen[0] - 0.9)).abs() < 1e-9 && (high - (seen[1] + 0.9)).abs() < 1e-9, "{low} {high}");
+    // What could be hidden where friction is not told is larger by as much.
+    let hidden =
+        |jitter_s: f64| interval_from_zero(&p, &prepared(jitter_s, false), &[], &sticky, Some(sticky));
+    assert_eq!((hidden(0.0), hidden(0.05)), ([0.0, seen[1]], [0.0, high]));
 }

@@ -25,5 +25,5 @@ mod tests;
 
 pub use bands::{MOST_UNEQUAL, propose_bands};
 pub use cost::cost;
-pub use hidden_friction::hidden_friction;
+pub use hidden_friction::{excluded_friction, hidden_friction};
 pub use search::{Effort, Found, LEAST_REVERSALS, search};

@@ -181,6 +181,14 @@ fn what_is_hidden_beside_a_shift_of_pv_is_what_was_hidden_without_it() {
 }
 
 #[test]
+fn where_the_largest_friction_is_excluded_the_bound_says_it_all() {
+    let (data, none) = (record(ValveModel::default(), 5, 0.2, first_order), Hypothesis::default());
+    let bound = hidden_friction(&data, &none, 7.35);
+    assert!(bound < 0.9 * data.f_max, "{bound} of {}", data.f_max);
+    assert_eq!(excluded_friction(&data, &none, 7.35), None);
+}
+
+#[test]
 fn a_needle_is_found_from_nothing_and_from_a_valve_that_is_wrong() {
     let none = Hypothesis::default();
     for (seed, beyond) in [(1, 0.2), (2, 0.9), (3, 0.5), (4, 0.0)] {

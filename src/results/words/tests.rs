@@ -29,7 +29,11 @@ fn reasons() -> [NotIdentifiable; 19] {
         NotIdentifiable::Manual { share_auto: 0.0 },
         NotIdentifiable::ModeUnknown { share: 1.0 },
         NotIdentifiable::NotExcited { reversals: 0 },
-        NotIdentifiable::HiddenFriction { reversal: "3.1 % OP".into(), friction: Some("3.1 % OP".into()) },
+        NotIdentifiable::HiddenFriction {
+            reversal: "3.1 % OP".into(),
+            friction: Some("3.1 % OP".into()),
+            excluded: None,
+        },
         NotIdentifiable::Undersampled { samples: 2.2, poll_s: Some(39.0), mean_s: None },
     ]
 }
