@@ -116,23 +116,29 @@ fn judge(generator: &Generator, case: &Case) -> Option<Said> {
 }
 
 /// The least f that would have shown, by the theory alone. Where no stiction is told, the findings have the larger of it and of the
-/// interval's end; the same record is then traced once more behind a diagnosis that cannot tell, whose findings have it as it is.
-/// Where the diagnosis told stiction and tracing told none, the second fit may begin at another sample.
+/// interval's end, and none where friction is hidden; the same record is then traced once more behind a diagnosis that cannot tell,
+/// whose findings have it as it is. Where the diagnosis told stiction and tracing told none, the second fit may begin at another sample.
 fn unraised(
     record: &Record,
     diagnosed: &Diagnosis,
     settings: &diagnosis::Settings,
     found: &Findings,
 ) -> Option<f64> {
-    let published = found.f_detectable?;
-    if found.verdict != Verdict::NoStiction {
-        return Some(published);
+    let published = found.f_detectable;
+    let is_raised = match &found.verdict {
+        Verdict::NoStiction => true,
+        Verdict::NotIdentifiable(why) => matches!(why, NotIdentifiable::HiddenFriction { .. }),
+        Verdict::Stiction => false,
+    };
+    if !is_raised {
+        return published;
     }
     let why = NotIdentifiable::StemNotFollowed;
     let unsure = Diagnosis { verdict: Verdict::NotIdentifiable(why), ..diagnosed.clone() };
     let again = trace_record(record, &unsure, settings, &residual::Settings::default());
     // Never more than what is published.
-    again.and_then(|again| again.f_detectable).map(|f| f.min(published)).or(Some(published))
+    let own = again.and_then(|again| again.f_detectable);
+    own.map(|f| f.min(published.unwrap_or(f))).or(published)
 }
 
 /// How many are found, by f over the least f that would have shown.

@@ -229,7 +229,8 @@ pub struct NotIdentifiableConfig {
 
 impl Default for NotIdentifiableConfig {
     fn default() -> Self {
-        let ignore = ["not_excited", "hidden_friction", "manual", "flat_op"].map(str::to_string).to_vec();
+        let ignore = ["not_excited", "hidden_friction", "undecided", "manual", "flat_op"];
+        let ignore = ignore.map(str::to_string).to_vec();
         Self { enabled: true, priority: Priority::Low, after_s: 7.0 * 86_400.0, ignore }
     }
 }

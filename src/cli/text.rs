@@ -1,7 +1,7 @@
 //! The report as a page for a person: the verdict first, then what it rests on.
 
 use std::fmt::Write;
-use stictiond::results::words::{between, percent};
+use stictiond::results::words::{SIMULATES_TO, between, percent, times_as};
 use stictiond::serve::dto::report::{Report, ReportCurve, ReportOpinion, ReportSays, ReportVerdict};
 use stictiond::signal::{figures, is_date, many, moment, trimmed};
 
@@ -170,7 +170,7 @@ pub fn page(report: &Report) -> String {
             ),
         );
         if r.simulates_worse {
-            line("", "the free run is worse with the effects than without".into());
+            line("", free_run_is_worse(r.free_run_ratio()));
         }
     }
     // Where nothing was traced no test has a name, and the residual is told already.
@@ -201,9 +201,19 @@ pub fn page(report: &Report) -> String {
         if let Some(marks) = marks {
             line("", marks);
         }
-        line("", format!("0 … {} {unit}{legend}", number(report.f_max)));
+        let most = report.aic_curve.as_ref().and_then(|curve| curve.f.last().copied().flatten());
+        line("", format!("0 … {} {unit}{legend}", number(most)));
     }
     out
+}
+
+/// That a simulation is worse with the effects, and by how much.
+///
+/// * `times`: its error over that of the declared model (-); `None` where it is not known.
+fn free_run_is_worse(times: Option<f64>) -> String {
+    let Some(times) = times else { return "the free run is worse with the effects than without".into() };
+    let advice = if times > SIMULATES_TO { ": do not simulate with this model" } else { "" };
+    format!("the free run is {} as far off with the effects as without{advice}", times_as(times))
 }
 
 /// What one method says, in columns: whose, what, its index, why.

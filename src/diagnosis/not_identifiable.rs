@@ -1,6 +1,6 @@
 //! Why a record says nothing about the valve: the reasons, their machine-readable codes, and the sentence that an operator reads.
 
-use crate::signal::{Role, figures, moment, share as told_share};
+use crate::signal::{Role, beside, figures, moment, share as told_share};
 use std::fmt;
 
 /// Fewest large extrema of OP in the window: those of two periods.
@@ -87,6 +87,16 @@ pub enum NotIdentifiable {
         /// Least and largest S that the record excludes all the same, in words: less friction could be hidden, and more.
         excluded: Option<[String; 2]>,
     },
+    /// Friction is likelier than not, but its evidence is not enough for a verdict, or samples that were not fitted contradict it, or
+    /// its f may be 0.
+    Undecided {
+        /// Evidence for friction (twice the logarithm of its odds), and how much of it a verdict needs (-).
+        evidence: [f64; 2],
+        /// Whether the held-out samples are likelier without it.
+        contradicted: bool,
+        /// The largest f that may be there, in words.
+        most: String,
+    },
     /// OP moves, and PV does not respond visibly beside its other influences: a large load, a valve that is always stuck, or a
     /// valve of another loop.
     NoResponse,
@@ -102,7 +112,7 @@ pub enum NotIdentifiable {
 
 impl NotIdentifiable {
     /// Every [`NotIdentifiable::code`].
-    pub const CODES: [&str; 19] = [
+    pub const CODES: [&str; 20] = [
         "too_short",
         "no_time_base",
         "gaps",
@@ -118,6 +128,7 @@ impl NotIdentifiable {
         "undersampled",
         "compensated",
         "hidden_friction",
+        "undecided",
         "no_response",
         "stem_not_followed",
         "out_of_scale",
@@ -142,6 +153,7 @@ impl NotIdentifiable {
             Self::Undersampled { .. } => "undersampled",
             Self::Compensated => "compensated",
             Self::HiddenFriction { .. } => "hidden_friction",
+            Self::Undecided { .. } => "undecided",
             Self::NoResponse => "no_response",
             Self::StemNotFollowed => "stem_not_followed",
             Self::OutOfScale => "out_of_scale",
@@ -245,6 +257,22 @@ impl fmt::Display for NotIdentifiable {
                     "hidden friction: {which} beside what else moves PV; OP never reverses by more than {reversal}"
                 )
             }
+            Self::Undecided { evidence: [evidence, needed], contradicted, most } => {
+                let told = beside(*evidence, &[0.0, *needed], 0);
+                let lacks = match (evidence > needed, contradicted) {
+                    (false, _) => format!("but with evidence {told} of {needed} only"),
+                    (true, true) => {
+                        format!("evidence {told}, but the last fifth of the samples speaks against it")
+                    }
+                    (true, false) => format!("evidence {told}, but f may be 0"),
+                };
+                // Each reversal of OP that is larger than S shows the stem once more.
+                write!(
+                    out,
+                    "undecided: friction is likelier than not, {lacks}; f is between 0 and {most}; a record with more or larger reversals of \
+                     OP would decide"
+                )
+            }
             Self::NoResponse => {
                 write!(out, "no response: other influences on PV hide whether PV follows OP")
             }
@@ -285,6 +313,31 @@ mod tests {
         assert_eq!([said(1), said(3)], [seldom("once"), seldom("3 times")]);
         let small = "but hardly ever by enough for friction to show";
         assert_eq!(said(4), format!("not excited: OP reverses 4 times by more than its noise, {small}"));
+    }
+
+    #[test]
+    fn what_an_undecided_record_lacks_is_told() {
+        let of = |evidence: f64, contradicted: bool| {
+            let (evidence, most) = ([evidence, 20.0], "3.717 % OP".to_string());
+            NotIdentifiable::Undecided { evidence, contradicted, most }.to_string()
+        };
+        let said = |evidence: f64| of(evidence, false);
+        let lacks = |told: &str| {
+            format!(
+                "undecided: friction is likelier than not, but with evidence {told} of 20 only; f is between 0 and 3.717 % OP; a record \
+                 with more or larger reversals of OP would decide"
+            )
+        };
+        // The evidence is told on its side of 0 and of what is needed.
+        assert_eq!([17.1, 19.96, 0.2].map(said), ["17", "19.96", "0.2"].map(lacks));
+        assert_eq!(of(17.1, true), lacks("17"));
+        assert_eq!(
+            said(25.3),
+            "undecided: friction is likelier than not, evidence 25, but f may be 0; f is between 0 and 3.717 % OP; a record with more or \
+             larger reversals of OP would decide"
+        );
+        let against = "evidence 25, but the last fifth of the samples speaks against it; f is between";
+        assert!(of(25.3, true).contains(against), "{}", of(25.3, true));
     }
 
     #[test]

@@ -15,7 +15,7 @@ pub enum Verdict {
     /// evidence is steady, tracing also that PV follows the stem.
     Stiction,
     /// OP moved enough for friction to show, and one of the conditions of stiction does not hold: no friction is needed, or f is
-    /// too small to matter, or its interval reaches 0. The evidence for friction may still be large.
+    /// too small to matter. By the diagnosis alone, also where its interval reaches 0. The evidence for friction may still be large.
     NoStiction,
     /// The record cannot tell, for this reason. It does not mean that the valve is sound.
     NotIdentifiable(NotIdentifiable),
@@ -29,6 +29,11 @@ impl Verdict {
             Self::NoStiction => "no_stiction",
             Self::NotIdentifiable(_) => "not_identifiable",
         }
+    }
+
+    /// Whether friction is likelier than not, without enough evidence for a verdict.
+    pub fn is_undecided(&self) -> bool {
+        matches!(self, Self::NotIdentifiable(NotIdentifiable::Undecided { .. }))
     }
 }
 

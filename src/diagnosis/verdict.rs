@@ -113,11 +113,23 @@ impl Thresholds {
     /// * `[f, low]`: f, and the lower end of its interval (OP unit).
     /// * `span`: the span of OP, where it is known (OP unit).
     pub fn not_told(&self, evidence: f64, [f, low]: [f64; 2], span: Option<f64>) -> String {
-        let but = match low > 0.0 {
-            true => format!("its f of {} is too small to matter", along_op_beside(f, &[self.f], span)),
-            false => "f may be 0".to_string(),
-        };
-        format!("friction predicts PV better, {}, but {but}", self.told(evidence))
+        if low > 0.0 {
+            return self.too_small(evidence, f, span);
+        }
+        format!("friction predicts PV better, {}, but f may be 0", self.told(evidence))
+    }
+
+    /// The reason of `no_stiction` where the evidence for friction is enough, and f is below its threshold.
+    ///
+    /// * `evidence`: `delta_aic` (-).
+    /// * `f`: friction (OP unit).
+    /// * `span`: the span of OP, where it is known (OP unit).
+    pub fn too_small(&self, evidence: f64, f: f64, span: Option<f64>) -> String {
+        let f = along_op_beside(f, &[self.f], span);
+        format!(
+            "friction predicts PV better, {}, but its f of {f} is too small to matter",
+            self.told(evidence)
+        )
     }
 
     /// The reason of `no_stiction` where the evidence for friction is too small.

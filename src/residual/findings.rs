@@ -387,8 +387,10 @@ pub struct Findings {
     /// Friction estimated jointly with the effects; it takes the place of `friction_before`.
     pub friction_after: Friction,
     /// The least f that would have shown in this record (OP unit); where the verdict is no stiction, no less than the end of the
-    /// interval of f. `None` where no f would have shown.
+    /// interval of f. `None` where no f would have shown, or none is excluded.
     pub f_detectable: Option<f64>,
+    /// The largest f that was tried (OP unit): half the largest reversal of OP at which the stem turns.
+    pub f_max: f64,
     /// The verdict with the effects.
     pub verdict: Verdict,
     /// The sentence of the verdict, which operators read.
@@ -420,7 +422,12 @@ impl Findings {
                 use NotIdentifiable::*;
                 matches!(
                     why,
-                    HiddenFriction { .. } | NoResponse | StemNotFollowed | ReadApart { .. } | Compensated
+                    HiddenFriction { .. }
+                        | Undecided { .. }
+                        | NoResponse
+                        | StemNotFollowed
+                        | ReadApart { .. }
+                        | Compensated
                 )
             }
         }

@@ -126,6 +126,7 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> R
         friction_before: friction_before(diagnosis),
         friction_after: answer.friction,
         f_detectable,
+        f_max: data.f_max * data.units.u,
         verdict: answer.verdict,
         reason: answer.reason + &of_archive(&diagnosis.preparation),
         model: model(&data, &best.model),

@@ -17,7 +17,7 @@ use crate::sim::scenarios::table2_loop;
 use crate::sim::{LoopSpec, SensorSpec, simulate};
 use crate::sysid::armax::Armax;
 use crate::sysid::iddata::{IdData, Units};
-use crate::sysid::stats::{median, quantile};
+use crate::sysid::stats::quantile;
 use crate::sysid::valve::{Start, ValveModel};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -110,10 +110,86 @@ fn dead_band() -> (IdData, Fitted) {
     (data, best)
 }
 
-/// What is answered of this model where its odds are so little that friction is not told.
-fn unbelieved(data: &IdData, best: &Fitted, diagnosis: &Diagnosis, agrees: bool) -> Answer {
+/// What is answered of this model by these odds for friction.
+fn answered(data: &IdData, best: &Fitted, log_odds: f64, diagnosis: &Diagnosis, agrees: bool) -> Answer {
     let settings = Settings { op_span: data.units.span, ..Settings::default() };
-    Question { data, best, log_odds: 5.0, diagnosis, settings: &settings }.answer(agrees, || true)
+    Question { data, best, log_odds, diagnosis, settings: &settings }.answer(agrees, || true)
+}
+
+/// A diagnosis that was made for a test.
+fn made(verdict: Verdict) -> Diagnosis {
+    Diagnosis::bare(verdict, "made for a test")
+}
+
+#[test]
+fn friction_that_is_likelier_than_not_is_never_denied() {
+    let (data, best) = dead_band();
+    let none = best.hypothesis.with_valve(None);
+    let most = interval(&data, &none, None)[1] * data.units.u;
+    assert!(most < data.f_max * data.units.u, "the record excludes some friction");
+    let sound = made(Verdict::NoStiction);
+    // Twice the log odds is the evidence; a verdict needs 20.
+    for (log_odds, agrees) in [(0.01, true), (5.0, true), (5.0, false), (10.0, true), (30.0, false)] {
+        let answer = answered(&data, &best, log_odds, &sound, agrees);
+        let (evidence, most) = ([2.0 * log_odds, 20.0], data.units.along_op(most));
+        let undecided = NotIdentifiable::Undecided { evidence, contradicted: !agrees, most };
+        assert_eq!(answer.verdict, Verdict::NotIdentifiable(undecided.clone()), "{log_odds} {agrees}");
+        assert_eq!((answer.reason.as_str(), answer.by_tracing), (undecided.to_string().as_str(), true));
+        assert!(!answer.agrees_with(&sound), "the next window is to be searched");
+    }
+    let told = |log_odds: f64| answered(&data, &best, log_odds, &sound, true).verdict;
+    assert_eq!([-0.01, 0.0].map(told), [Verdict::NoStiction, Verdict::NoStiction]);
+    assert_eq!(told(10.01), Verdict::Stiction);
+    // A diagnosis that does not deny friction stands where the held-out samples contradict tracing.
+    let sticks = answered(&data, &best, 5.0, &made(Verdict::Stiction), false);
+    assert!(sticks.tells_stiction() && !sticks.by_tracing);
+    let denied = answered(&data, &best, -5.0, &made(Verdict::NoStiction), false);
+    assert_eq!(denied.verdict, Verdict::NoStiction);
+}
+
+#[test]
+fn friction_is_denied_where_it_is_too_small_to_matter() {
+    let (data, best) = dead_band();
+    let f = best.hypothesis.valve.expect("it has one").f() * data.units.u;
+    let of = |best: &Fitted, log_odds: f64, f_threshold: f64| {
+        let settings = Settings { f_threshold, ..Settings::default() };
+        let (data, diagnosis) = (&data, made(Verdict::NoStiction));
+        Question { data, best, log_odds, diagnosis: &diagnosis, settings: &settings }.answer(true, || true)
+    };
+    assert_eq!(of(&best, 12.0, 0.99 * f).verdict, Verdict::Stiction);
+    // So it is with too little evidence: whatever friction is there does not matter.
+    for log_odds in [12.0, 5.0] {
+        let answer = of(&best, log_odds, 1.01 * f);
+        assert_eq!(answer.verdict, Verdict::NoStiction);
+        assert!(answer.reason.ends_with("is too small to matter"), "{}", answer.reason);
+    }
+    // The odds are summed over all hypotheses, of which the likeliest may have no friction: then no f is known to be small.
+    let none = fit_anew(&data, best.hypothesis.with_valve(None), None);
+    let answer = of(&none, 12.0, 1.01 * f);
+    let reason = &answer.reason;
+    assert!(answer.verdict.is_undecided() && reason.contains("evidence 24, but f may be 0"), "{reason}");
+}
+
+#[test]
+fn a_bound_that_excludes_nothing_is_no_verdict_whatever_would_have_shown() {
+    let data = of_op(vec![0.0, 5.0, 2.0, 12.0, 11.0], Start { index: 1, is_max: true }, 1.5);
+    let bounded = |high: f64, detectable: Option<f64>| {
+        let mut answer = standing(&data, &declared(high));
+        let published = answer.bound(&data, detectable);
+        let hidden =
+            matches!(answer.verdict, Verdict::NotIdentifiable(NotIdentifiable::HiddenFriction { .. }));
+        assert_ne!(hidden, answer.reason.contains("; f up to"), "{}", answer.reason);
+        assert!(answer.friction.f_ci95[1] <= 1.5, "{answer:?}");
+        (hidden, published)
+    };
+    // The interval reaches the largest f of 1.5, or nearly, although a small f would have shown.
+    assert_eq!(bounded(1.5, Some(0.2)), (true, None));
+    assert_eq!(bounded(1.48, Some(0.2)), (true, None));
+    // What would have shown is beyond the largest f.
+    assert_eq!(bounded(0.4, Some(1.6)), (true, None));
+    assert_eq!(bounded(1.4, Some(0.2)), (false, Some(1.4)));
+    // No f would have shown by enough evidence for a verdict. The likelihood excludes what is beyond its interval all the same.
+    assert_eq!(bounded(0.4, None), (false, None));
 }
 
 #[test]
@@ -122,30 +198,26 @@ fn friction_that_is_not_believed_bounds_nothing_by_its_own_interval() {
     let end = |hypothesis: &Hypothesis| interval(&data, hypothesis, None)[1] * data.units.u;
     let (own, hidden) = (end(&best.hypothesis), end(&best.hypothesis.with_valve(None)));
     assert!(own < hidden, "{own} {hidden}: nothing is told by this record");
-    let diagnosis = Diagnosis::bare(Verdict::NoStiction, "made for a test");
-    let mut answer = unbelieved(&data, &best, &diagnosis, true);
+    let mut answer = answered(&data, &best, -1.0, &made(Verdict::NoStiction), true);
     assert_eq!((&answer.verdict, answer.friction.f_ci95), (&Verdict::NoStiction, [0.0, hidden]));
     // Whatever is published, the sentence has the same number.
     let detectable = 0.5 * hidden / data.units.u;
     let published = answer.bound(&data, Some(detectable)).expect("it is known");
     assert_eq!((published, answer.friction.f_ci95[1]), (hidden, hidden));
-    assert_eq!(
-        answer.reason,
-        format!("too little speaks for friction, evidence 10 of 20{}", could_be_hidden(hidden, None))
-    );
+    let bound = could_be_hidden(hidden, None);
+    assert_eq!(answer.reason, format!("nothing speaks for friction, evidence 0{bound}"));
 }
 
 #[test]
 fn where_the_held_out_samples_overrule_tracing_no_effect_is_spoken_of() {
     let (data, best) = dead_band();
-    let diagnosis = Diagnosis::bare(Verdict::Stiction, "made for a test");
-    let answer = unbelieved(&data, &best, &diagnosis, false);
+    let answer = answered(&data, &best, 5.0, &made(Verdict::Stiction), false);
     let overruled =
         "tracing gives another verdict, but its model predicts the last fifth of the samples worse";
     assert_eq!(answer.reason, format!("made for a test; {overruled}"));
     assert!(answer.tells_stiction() && !answer.by_tracing);
     // A diagnosis that has no reason of its own yet leaves no empty clause.
-    let answer = unbelieved(&data, &best, &Diagnosis::bare(Verdict::Stiction, ""), false);
+    let answer = answered(&data, &best, 5.0, &Diagnosis::bare(Verdict::Stiction, ""), false);
     assert_eq!(answer.reason, overruled);
 }
 
@@ -253,7 +325,7 @@ fn a_bound_is_wider_where_the_controller_may_have_acted_unseen() {
     let none = best.hypothesis.with_valve(None);
     let fast = Preparation::default().reading.fast;
     let steps: Vec<f64> = data.u.windows(2).map(|w| (w[1] - w[0]).abs()).collect();
-    let more = quantile(&steps, fast) - median(&steps);
+    let more = quantile(&steps, fast);
     let [seen, unseen] = [None, Some(fast)].map(|fast| interval(&data, &none, fast)[1]);
     assert!(more > 0.0 && (unseen - seen - more).abs() < 1e-9, "{unseen} {seen} {more}");
     // So it is where the likeliest model has a valve that is not believed.
@@ -262,7 +334,7 @@ fn a_bound_is_wider_where_the_controller_may_have_acted_unseen() {
     let preparation = Preparation { acquisition: Some(Box::new(acquisition)), ..Preparation::default() };
     assert_eq!(preparation.unseen_moves(), Some(fast));
     let diagnosis = Diagnosis { preparation, ..Diagnosis::bare(Verdict::NoStiction, "made for a test") };
-    let answer = unbelieved(&data, &best, &diagnosis, true);
+    let answer = answered(&data, &best, -1.0, &diagnosis, true);
     assert_eq!(answer.verdict, Verdict::NoStiction);
     let high = answer.friction.f_ci95[1] / data.units.u;
     assert!((high - unseen).abs() < 1e-9, "{high} {unseen}");
@@ -294,6 +366,9 @@ fn where_a_term_of_write_back_acted_no_valve_is_told_to_be_sound() {
         let (data, best, diagnosis, settings) = (&data, &best, &diagnosis, &settings);
         let answer = Question { data, best, log_odds: 5.0, diagnosis, settings }.answer(agrees, || true);
         assert_eq!(answer.verdict, Verdict::NotIdentifiable(NotIdentifiable::Compensated), "{answer:?}");
+        // Friction with enough evidence is told all the same, unless the held-out samples contradict it.
+        let answer = Question { data, best, log_odds: 30.0, diagnosis, settings }.answer(agrees, || true);
+        assert_eq!(answer.tells_stiction(), agrees, "{answer:?}");
     }
 }
 

@@ -1,8 +1,10 @@
 //! The verdict on friction beside the effects, its sentence, and the bound on f that it leaves possible.
 //!
 //! The verdict is stiction where all of these are true: f is above its threshold, its interval excludes 0, its evidence is above
-//! its threshold, and PV follows the stem. It is never stiction where the diagnosis sees that PV does not answer OP. Where the
-//! held-out samples are likelier without the effects, the verdict of the diagnosis stands.
+//! its threshold, and PV follows the stem. It is never stiction where the diagnosis sees that PV does not answer OP. It is no
+//! stiction only where no friction is at least as likely as friction, or where the likeliest friction is too small to matter;
+//! between the two it is undecided. Where the held-out samples are likelier without the effects, the verdict of the diagnosis
+//! stands; but it does not deny friction that the fitted samples make likelier than not, which is undecided, too.
 
 use super::findings::Friction;
 use super::fit::{Fitted, has_positive_feedback};
@@ -60,8 +62,9 @@ impl Question<'_> {
     pub fn answer(&self, agrees: bool, followed: impl Fn() -> bool) -> Answer {
         let asked = self.log_odds > f64::NEG_INFINITY;
         if asked {
-            let (friction, verdict, reason) = self.traced();
-            if agrees || verdict == self.diagnosis.verdict {
+            let (friction, verdict, reason) = self.traced(agrees);
+            let stays_open = verdict.is_undecided() && self.diagnosis.verdict == Verdict::NoStiction;
+            if agrees || verdict == self.diagnosis.verdict || stays_open {
                 return Answer { friction, verdict, reason, by_tracing: true, asked };
             }
         }
@@ -70,8 +73,8 @@ impl Question<'_> {
         let clauses = clauses.into_iter().flatten().filter(|clause| !clause.is_empty());
         let reason = clauses.collect::<Vec<_>>().join("; ");
         let verdict = self.diagnosis.verdict.clone();
-        let mut answer =
-            Answer { friction: friction_before(self.diagnosis), verdict, reason, by_tracing: false, asked };
+        let friction = friction_before(self.diagnosis);
+        let mut answer = Answer { friction, verdict, reason, by_tracing: false, asked };
         if answer.tells_stiction() && !followed() {
             answer.cannot_tell(NotIdentifiable::StemNotFollowed);
         }
@@ -81,8 +84,8 @@ impl Question<'_> {
         answer
     }
 
-    /// Friction beside the effects, the verdict on it, and its sentence.
-    fn traced(&self) -> (Friction, Verdict, String) {
+    /// Friction beside the effects, the verdict on it, and its sentence. `agrees` as in [`Question::answer`].
+    fn traced(&self, agrees: bool) -> (Friction, Verdict, String) {
         let Self { data, best, log_odds, diagnosis, settings } = *self;
         let unit = data.units.u;
         let evidence = 2.0 * log_odds;
@@ -92,7 +95,7 @@ impl Question<'_> {
         let mut within = interval(data, &best.hypothesis, fast).map(|f| f * unit);
         let is_significant = evidence > settings.evidence_threshold && within[0] > 0.0;
         let sticks = is_significant && f > settings.f_threshold;
-        let verdict = match &diagnosis.verdict {
+        let mut verdict = match &diagnosis.verdict {
             // Where PV does not answer OP, a stem may be any signal that happens to resemble PV's load.
             unanswered @ Verdict::NotIdentifiable(NotIdentifiable::NoResponse) => unanswered.clone(),
             _ if sticks && pv_follows_stem(data, best) => Verdict::Stiction,
@@ -105,13 +108,30 @@ impl Question<'_> {
             }
             _ => apart.map_or(Verdict::NoStiction, Verdict::NotIdentifiable),
         };
-        let sticks = verdict == Verdict::Stiction;
-        if verdict == Verdict::NoStiction && best.hypothesis.valve.is_some() && !is_significant {
+        // Where the fitted samples speak for friction and the held-out ones against it, neither denies it.
+        let contradicted = !agrees && diagnosis.verdict == Verdict::NoStiction && settings.compensated == 0.0;
+        let is_open = match verdict {
+            Verdict::Stiction | Verdict::NotIdentifiable(NotIdentifiable::StemNotFollowed) => contradicted,
+            // Friction that is there may be too small to matter.
+            Verdict::NoStiction => best.hypothesis.valve.is_none() || f > settings.f_threshold,
+            Verdict::NotIdentifiable(_) => false,
+        };
+        let is_open = is_open && log_odds > 0.0;
+        let believed = is_significant && !is_open;
+        if (is_open || verdict == Verdict::NoStiction) && best.hypothesis.valve.is_some() && !believed {
             // That interval takes friction for granted, with one stop rule. Without significant friction, every f that the record
             // does not exclude against none is possible.
             let none = best.hypothesis.with_valve(None);
             within[1] = within[1].max(interval(data, &none, fast)[1] * unit);
         }
+        if is_open {
+            // No valve is tried beyond the largest f.
+            let most = data.units.along_op(within[1].min(data.f_max * unit));
+            let evidence = [evidence, settings.evidence_threshold];
+            let undecided = NotIdentifiable::Undecided { evidence, contradicted, most };
+            verdict = Verdict::NotIdentifiable(undecided);
+        }
+        let sticks = verdict == Verdict::Stiction;
         let friction = Friction {
             f: if sticks { f } else { 0.0 },
             f_ci95: if sticks { within } else { [0.0, within[1]] },
@@ -130,9 +150,7 @@ impl Question<'_> {
         let least = Thresholds { evidence: self.settings.evidence_threshold, f: self.settings.f_threshold };
         match verdict {
             Verdict::Stiction => least.sticks(evidence, f, within, span),
-            Verdict::NoStiction if evidence > least.evidence => {
-                least.not_told(evidence, [f, within[0]], span)
-            }
+            Verdict::NoStiction if evidence > 0.0 => least.too_small(evidence, f, span),
             Verdict::NoStiction => least.too_little(evidence),
             Verdict::NotIdentifiable(why) => why.to_string(),
         }
@@ -145,18 +163,20 @@ impl Answer {
         self.verdict == Verdict::Stiction
     }
 
-    /// Whether tracing and diagnosis agree: both tell stiction or neither does, the held-out samples did not overrule tracing, and no
-    /// term of write-back was in force in the window.
+    /// Whether tracing and diagnosis agree: both tell stiction or neither does, the record is not undecided, the held-out samples did
+    /// not overrule tracing, and no term of write-back was in force in the window.
     pub fn agrees_with(&self, diagnosis: &Diagnosis) -> bool {
         let sticks = diagnosis.verdict == Verdict::Stiction;
         (self.by_tracing || !self.asked)
             && sticks == self.tells_stiction()
+            && !self.verdict.is_undecided()
             && diagnosis.preparation.compensated == 0.0
     }
 
     /// Bounds f from above where the verdict is no stiction. The bound is the larger of two: the end of the interval of f, and
     /// `detectable`, the least f that the record would have shown (standard deviations of OP). Where the bound excludes nothing, the
-    /// verdict becomes hidden friction. Returns the published least f that would have shown (OP unit).
+    /// verdict becomes hidden friction, so that no published bound is beyond the largest f that was tried. Returns the published
+    /// least f that would have shown (OP unit).
     pub fn bound(&mut self, data: &IdData, detectable: Option<f64>) -> Option<f64> {
         let detectable = detectable.map(|f| f * data.units.u);
         if self.verdict != Verdict::NoStiction {
@@ -164,19 +184,19 @@ impl Answer {
         }
         let most = data.f_max * data.units.u;
         let bound = self.friction.f_ci95[1].max(detectable.unwrap_or(0.0));
-        self.friction.f_ci95[1] = bound;
-        if detectable.is_none() && bound >= EXCLUDES_NOTHING * most {
-            let reversal = 2.0 * largest_move(&data.u, data.start.index) * data.units.u;
-            // No valve is tried beyond the largest f: its stem would not turn.
-            let s = 2.0 * bound.min(most);
-            let friction = (s.is_finite() && s > 0.0).then(|| data.units.along_op(s));
-            let reversal = data.units.along_op(reversal);
-            self.cannot_tell(NotIdentifiable::HiddenFriction { reversal, friction, excluded: None });
-        } else {
+        if bound < EXCLUDES_NOTHING * most {
+            self.friction.f_ci95[1] = bound;
             // This is the only place that writes the bound into the sentence.
             self.reason += &could_be_hidden(bound, data.units.span);
+            return detectable.map(|_| bound);
         }
-        detectable.map(|_| bound)
+        self.friction.f_ci95[1] = bound.min(most);
+        let reversal = 2.0 * largest_move(&data.u, data.start.index) * data.units.u;
+        let s = 2.0 * most;
+        let friction = (s.is_finite() && s > 0.0).then(|| data.units.along_op(s));
+        let reversal = data.units.along_op(reversal);
+        self.cannot_tell(NotIdentifiable::HiddenFriction { reversal, friction, excluded: None });
+        None
     }
 
     /// Adds to hidden friction which friction the record excludes all the same, where tracing decided.

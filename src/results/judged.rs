@@ -149,6 +149,7 @@ pub(crate) mod tests {
             before: residual,
             simulates_worse: true,
             f_detectable: Some(0.4),
+            f_max: 6.0,
             unexplained: false,
             failed: Vec::new(),
             friction_before: Friction { f: 2.5, ..Friction::default() },

@@ -91,9 +91,29 @@ pub fn sentence(clause: &str) -> String {
     format!("{}.", capital(clause))
 }
 
+/// How many times the error of the model without effects the free run of a model may have that is still of use for simulation:
+/// twice is four times its squared error.
+pub const SIMULATES_TO: f64 = 2.0;
+
 /// What is said where the model with the effects, run freely, is worse than the one without.
-pub const SIMULATES_WORSE: &str =
-    "A simulation with these effects follows PV less closely than one without them: take them with care.";
+///
+/// * `times`: its error over that of the one without (-); `None` where it is not known.
+pub fn simulates_worse(times: Option<f64>) -> String {
+    let compared = times.map_or("follows PV less closely than".to_string(), |times| {
+        format!("is {} as far from PV as", times_as(times))
+    });
+    let then = match times.is_some_and(|times| times > SIMULATES_TO) {
+        true => "do not simulate with this model, and take the effects with care",
+        false => "take them with care",
+    };
+    format!("A simulation with these effects {compared} one without them: {then}.")
+}
+
+/// A ratio of two errors in words, never rounded to the other side of 1 or of [`SIMULATES_TO`].
+pub fn times_as(ratio: f64) -> String {
+    let decimals = if ratio < 10.0 { 2 } else { 0 };
+    format!("{} times", signal::beside(ratio, &[1.0, SIMULATES_TO], decimals))
+}
 
 /// Who contradicts a verdict.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -199,7 +219,11 @@ impl Verdict<'_> {
                 // Which tag and since when stands in the reason alone.
                 let silent = self.reason_code == Some("silent");
                 let why = self.reason.strip_prefix("silent: ").filter(|_| silent).unwrap_or(why);
-                format!("Nothing can be said about the valve: {why}.{check}")
+                let begin = match self.reason_code == Some("undecided") {
+                    true => "The valve may stick",
+                    false => "Nothing can be said about the valve",
+                };
+                format!("{begin}: {why}.{check}")
             }
         }
     }
@@ -254,7 +278,11 @@ fn not_identifiable(code: &str) -> Option<(&'static str, &'static str)> {
         "manual" => ("the loop was never in automatic for long enough", ""),
         "mode_unknown" => ("the mode of the loop cannot be read", " Check its tag."),
         "not_excited" => ("OP hardly ever reverses by enough for sticking to show", ""),
-        "hidden_friction" => ("this record would not show sticking, however strong it is", ""),
+        "hidden_friction" => ("this record does not exclude sticking, however strong it is", ""),
+        "undecided" => (
+            "more speaks for sticking than against it, but not enough for a verdict",
+            " A record in which OP reverses more often or by more would decide.",
+        ),
         "undersampled" => (
             "the loop swings too fast for the samples",
             " Poll at least ten times in one swing, and keep no means.",

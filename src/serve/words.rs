@@ -47,7 +47,7 @@ pub fn notes(report: &Report) -> Vec<String> {
     let worse = residual.simulates_worse && !residual.effects.is_empty();
     between
         .into_iter()
-        .chain(worse.then(|| words::SIMULATES_WORSE.to_string()))
+        .chain(worse.then(|| words::simulates_worse(residual.free_run_ratio())))
         .chain(report.doubt())
         .collect()
 }

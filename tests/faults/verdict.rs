@@ -60,6 +60,7 @@ fn traced(drifts: bool) -> Findings {
         friction_before: Friction::default(),
         friction_after: Friction::default(),
         f_detectable: None,
+        f_max: 5.0,
         verdict: Verdict::NotIdentifiable(NotIdentifiable::FlatPv),
         reason: "made up".into(),
         model: linear(),

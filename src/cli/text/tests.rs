@@ -33,6 +33,35 @@ fn effects_are_told_with_their_probability_and_what_lies_between_kinds_too() {
 }
 
 #[test]
+fn a_worse_free_run_is_told_with_its_ratio() {
+    let mut report = bare();
+    report.residual.effects = vec![ReportEffect {
+        kind: "drift".into(),
+        posterior: Some(0.99),
+        delta_aic: None,
+        tag: None,
+        parameters: Default::default(),
+        explanation: "a load that rises".into(),
+    }];
+    report.residual.simulates_worse = true;
+    for (before, after, said) in [
+        (Some(2.0), Some(2.1), "the free run is 1.05 times as far off with the effects as without\n"),
+        (
+            Some(2.0),
+            Some(900.0),
+            "the free run is 450 times as far off with the effects as without: do not simulate with this model\n",
+        ),
+        (Some(0.0), Some(1.0), "the free run is worse with the effects than without\n"),
+        (None, None, "the free run is worse with the effects than without\n"),
+    ] {
+        (report.residual.free_run_rmse_before, report.residual.free_run_rmse_after) = (before, after);
+        assert!(page(&report).contains(said), "{}", page(&report));
+    }
+    report.residual.simulates_worse = false;
+    assert!(!page(&report).contains("the free run is"), "{}", page(&report));
+}
+
+#[test]
 fn opinions_with_an_index_have_a_line_and_the_others_are_told_by_why() {
     use stictiond::detectors::{Agreement, Band, Method, Opinion};
     use stictiond::results::Judged;

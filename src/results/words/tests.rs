@@ -10,7 +10,7 @@ fn verdict(outcome: &'static str, f: Option<f64>, f_high: Option<f64>) -> Verdic
 }
 
 /// Why nothing can be said, all of it.
-fn reasons() -> [NotIdentifiable; 19] {
+fn reasons() -> [NotIdentifiable; 20] {
     [
         NotIdentifiable::NoTimeBase,
         NotIdentifiable::FlatOp,
@@ -34,6 +34,7 @@ fn reasons() -> [NotIdentifiable; 19] {
             friction: Some("3.1 % OP".into()),
             excluded: None,
         },
+        NotIdentifiable::Undecided { evidence: [17.0, 20.0], contradicted: false, most: "3.7 % OP".into() },
         NotIdentifiable::Undersampled { samples: 2.2, poll_s: Some(39.0), mean_s: None },
     ]
 }
@@ -115,7 +116,9 @@ fn all() -> String {
         }
     }
     line("\nThe rest");
-    line(SIMULATES_WORSE);
+    for times in [None, Some(1.05), Some(2.0), Some(2.001), Some(450.4)] {
+        line(&simulates_worse(times));
+    }
     for test in [
         Test::Whiteness,
         Test::Input,

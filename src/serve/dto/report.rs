@@ -59,7 +59,8 @@ pub struct Report {
     pub rival: Option<String>,
     /// How evenly the record shares the declared model's evidence: its block mean in standard errors (-).
     pub steadiness: Option<f64>,
-    /// Largest f tried (`f_unit`).
+    /// Largest f tried (`f_unit`), in the traced stretch where the verdict comes from there: it may be more than `aic_curve` has, whose
+    /// f are those of the diagnosed window.
     pub f_max: Option<f64>,
     /// The least f that nine of ten records such as this would have shown (`f_unit`), for `no_stiction` no less than the upper
     /// end of `f_ci95`; null where this one could have shown none, or nothing was traced.
@@ -441,6 +442,7 @@ impl Report {
         let friction = &found.friction_after;
         (self.verdict, self.reason_code) = verdict(&found.verdict);
         self.reason = found.reason.clone();
+        self.f_max = unit.scale(found.f_max);
         if self.reason_code.is_some() {
             (self.f, self.f_ci95, self.f_of_op_range, self.delta_aic) = (None, None, None, None);
             return self;

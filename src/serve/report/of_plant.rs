@@ -40,7 +40,7 @@ pub fn of_plant(items: &[LoopItem], to_acknowledge: usize, now: Option<&str>) ->
 }
 
 /// Why nothing can be told of a valve, in a few words; the page has the same in its tiles.
-const REASONS: [(&str, &str); 19] = [
+const REASONS: [(&str, &str); 20] = [
     ("too_short", "too little data"),
     ("no_time_base", "no time base"),
     ("gaps", "data missing"),
@@ -53,7 +53,8 @@ const REASONS: [(&str, &str); 19] = [
     ("manual", "not in automatic"),
     ("mode_unknown", "mode not readable"),
     ("not_excited", "OP hardly reverses"),
-    ("hidden_friction", "sticking would not show"),
+    ("hidden_friction", "sticking not excluded"),
+    ("undecided", "may stick, undecided"),
     ("undersampled", "sampled too slowly"),
     ("no_response", "PV hidden by loads"),
     ("stem_not_followed", "sticks, or load jumps"),

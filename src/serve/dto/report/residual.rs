@@ -147,6 +147,13 @@ impl ReportResidual {
         self.candidates.iter().filter_map(|own| Some((own.kind.as_str(), own.posterior?))).collect()
     }
 
+    /// The free-run error with the effects over that of the declared model (-); `None` where one of them is not known, or the latter
+    /// is 0.
+    pub fn free_run_ratio(&self) -> Option<f64> {
+        let (before, after) = self.free_run_rmse_before.zip(self.free_run_rmse_after)?;
+        Some(after / before).filter(|ratio| ratio.is_finite())
+    }
+
     /// The residual where nothing was traced: the declared model stands before and after.
     pub(super) fn declared(residual: Option<&diagnosis::Residual>) -> Self {
         let white = residual.map(|r| r.white);
