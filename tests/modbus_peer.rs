@@ -15,7 +15,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 use stictiond::collect::modbus::{ProbeError, ProbeTarget, Register, probe};
 use stictiond::signal::{BadReason, Quality, Sample};
-use tokio::net::TcpListener;
+use tokio::net::{TcpListener, TcpSocket};
 use tokio::time::Instant;
 
 const ORDERS: [&str; 4] = ["ABCD", "CDAB", "BADC", "DCBA"];
@@ -278,11 +278,12 @@ async fn dead_devices_do_not_slow_the_others() {
     let server = Server::start(0, 1).await;
     // Accepts connections (in the kernel's queue) and never answers.
     let black_hole = TcpListener::bind("127.0.0.1:0").await.unwrap();
-    let free = TcpListener::bind("127.0.0.1:0").await.unwrap();
-    let refusing = free.local_addr().unwrap().port();
-    drop(free);
+    // Bound, and not listening: it refuses connections, and nobody else gets the port.
+    let refusing = TcpSocket::new_v4().unwrap();
+    refusing.bind("127.0.0.1:0".parse().unwrap()).unwrap();
     let slow = "poll_ms = 1000\ntimeout_ms = 1000";
-    let dead: Vec<Watch> = [hung.port, black_hole.local_addr().unwrap().port(), refusing]
+    let [queueing, closed] = [black_hole.local_addr(), refusing.local_addr()].map(|at| at.unwrap().port());
+    let dead: Vec<Watch> = [hung.port, queueing, closed]
         .map(|port| Watch::start(plan(&device(port, slow), &[truth_tag(2000)])))
         .into();
     let config = device(server.port, "poll_ms = 50\ntimeout_ms = 50");
