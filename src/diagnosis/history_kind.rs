@@ -7,12 +7,13 @@
 //! |---|---|
 //! | report by exception | irregular stamps, and hardly any change near zero |
 //! | swinging door | irregular stamps, and hardly any sample near the line through its neighbours |
-//! | interpolated | most samples of PV on straight lines, joined without a turn, and samples of OP as well |
+//! | interpolated | samples of PV on straight lines to the last digit, with sharp ends, of which the controller knows nothing ([`super::lines`]) |
 //! | held | values change at every k-th sample only |
 //! | averaged | differences correlate by -1/2 at lag k, and not before |
 //!
 //! Means over blocks that do not overlap leave no trace, and are not recognised.
 
+use super::lines::Lines;
 use crate::signal::{Role, Sample, share};
 use crate::sysid::stats::{median, quantile};
 use std::fmt;
@@ -33,12 +34,8 @@ const SIGNIFICANT: f64 = 4.0;
 /// Largest distance of a step in time from a multiple of the scan, as a share of the scan, and the least share of steps that keep
 /// it: a clock jitters, and now and then a stamp is late.
 const ON_SCAN: [f64; 2] = [0.12, 0.95];
-/// Least share of samples on straight lines in an interpolated record: measurements are on a line by chance.
-const STRAIGHT: f64 = 0.4;
-/// Fewest such lines, and fewest runs of held values: a ramp, or a valve that sticks, makes a few.
-const LINES: usize = 12;
-/// Least share of the joints of lines at which the direction stays: a triangle turns at every joint.
-const JOINTS: f64 = 0.2;
+/// Fewest runs of held values: by chance there are a few.
+const RUNS: usize = 12;
 /// Longest run of held values, and longest running mean, that is tried (samples): a usual window has few longer ones.
 const LONGEST: usize = 60;
 /// Least share of changes that are at every k-th sample, and of these samples that change, for held values: now and then a sample
@@ -82,13 +79,13 @@ impl HistoryKind {
     pub fn note(self) -> &'static str {
         match self {
             Self::SwingingDoor => {
-                "An archive kept only the samples that a straight line does not replace: small movements are lost, and f reads low."
+                "An archive kept only the samples that a straight line does not replace: small movements are lost, and f may be wrong. Ask for raw values."
             }
             Self::Exception => {
                 "Only changes beyond a dead band were kept: small movements are lost, f reads low, and sticking may go unseen. Ask for raw values."
             }
             Self::Interpolated => {
-                "An archive drew lines between the few samples it kept: small movements are lost, and f reads low."
+                "An archive drew lines between the few samples it kept: only the ends of lines were measured, and only they count. Ask for raw values."
             }
             Self::Held => "PV is measured only every few samples: use the period at which it is measured.",
             Self::Averaged => "PV is a running mean: it comes later and smoother than it was measured.",
@@ -139,10 +136,16 @@ impl fmt::Display for HistoryFound {
     }
 }
 
+/// [`recognise_beside`] without a set point.
+pub fn recognise(op: &[Sample], pv: &[Sample]) -> Option<HistoryFound> {
+    recognise_beside(op, pv, None)
+}
+
 /// How an archive changed a record; `None` where nothing shows it.
 ///
 /// * `op`, `pv`: good samples in the order of time, no stamp twice.
-pub fn recognise(op: &[Sample], pv: &[Sample]) -> Option<HistoryFound> {
+/// * `set_point`: its samples, where it is recorded.
+pub fn recognise_beside(op: &[Sample], pv: &[Sample], set_point: Option<&[Sample]>) -> Option<HistoryFound> {
     let of = |role, found: Option<(HistoryKind, [f64; 2])>| {
         found.map(|(kind, evidence)| HistoryFound { kind, role, evidence })
     };
@@ -152,11 +155,13 @@ pub fn recognise(op: &[Sample], pv: &[Sample]) -> Option<HistoryFound> {
         even.then(|| series.iter().map(|s| s.value).collect())
     };
     // A controller that acts at every k-th sample holds OP, and a stuck valve makes OP a straight line. So PV decides.
-    thinned(Role::Pv, pv).or_else(|| thinned(Role::Op, op)).or_else(|| {
-        let values = equal(pv)?;
-        let lines = equal(op).and_then(|op| interpolated(&op, &values));
-        of(Role::Pv, lines.or_else(|| held(&values)).or_else(|| averaged(&values)))
-    })
+    thinned(Role::Pv, pv)
+        .or_else(|| thinned(Role::Op, op))
+        .or_else(|| of(Role::Pv, interpolated(op, pv, set_point)))
+        .or_else(|| {
+            let values = equal(pv)?;
+            of(Role::Pv, held(&values).or_else(|| averaged(&values)))
+        })
 }
 
 /// The share of steps in time off their median by more than a quarter.
@@ -247,81 +252,18 @@ fn without_previous(series: &[Sample]) -> Vec<Sample> {
     series.iter().enumerate().filter(|(i, _)| !is_previous(*i)).map(|(_, s)| *s).collect()
 }
 
-/// Interpolation: straight lines of four and more samples in PV, many joined without a turn, and in OP as well. Where a stem
-/// sticks or a tank fills, one of the two may be straight, but not both.
-fn interpolated(op: &[f64], pv: &[f64]) -> Option<(HistoryKind, [f64; 2])> {
-    let (of_op, of_pv) = (Lines::of(op), Lines::of(pv));
-    let joined = of_pv.straight_on as f64 >= JOINTS * of_pv.count as f64;
-    (of_pv.count >= LINES && of_pv.share >= STRAIGHT && joined && of_op.share >= 0.5 * STRAIGHT)
-        .then_some((HistoryKind::Interpolated, [of_pv.share, of_pv.count as f64]))
-}
-
-/// The straight lines in a series.
-#[derive(Default)]
-struct Lines {
-    /// Number of lines.
-    count: usize,
-    /// Share of samples inside lines (0..1).
-    share: f64,
-    /// Number of lines after which the direction stays.
-    straight_on: usize,
-}
-
-impl Lines {
-    fn of(values: &[f64]) -> Self {
-        let steps: Vec<f64> = values.windows(2).map(|w| w[1] - w[0]).collect();
-        let moving: Vec<f64> = steps.iter().filter(|d| **d != 0.0).map(|d| d.abs()).collect();
-        let scale = median(&moving);
-        let mut lines = Self::default();
-        if scale == 0.0 || moving.len() * 2 < steps.len() {
-            return lines;
-        }
-        // The rounding of printed values. A line whose step is near it may be chance.
-        let rounded = moving.iter().copied().fold(f64::INFINITY, f64::min);
-        let tolerance =
-            printed(values).filter(|unit| 8.0 * unit < scale).map_or(1e-6 * scale, |unit| 1.01 * unit);
-        let on_line =
-            |i: usize| (steps[i] - steps[i - 1]).abs() <= tolerance && steps[i].abs() > 3.0 * rounded;
-        let (mut inside, mut i) = (0_usize, 1);
-        while i < steps.len() {
-            let from = i;
-            while i < steps.len() && on_line(i) {
-                i += 1;
-            }
-            if i - from >= 2 {
-                lines.count += 1;
-                inside += i - from;
-                lines.straight_on += usize::from(i < steps.len() && steps[i] * steps[i - 1] > 0.0);
-            }
-            i += 1;
-        }
-        lines.share = inside as f64 / values.len() as f64;
-        lines
+/// Interpolation: PV on straight lines to its last digit, with sharp ends. Lines of which OP was computed are measurements: where no
+/// noise is recorded, a tank fills on straight lines while a valve is stuck.
+fn interpolated(
+    op: &[Sample],
+    pv: &[Sample],
+    set_point: Option<&[Sample]>,
+) -> Option<(HistoryKind, [f64; 2])> {
+    if pv.len() < LEAST || irregular(pv) >= IRREGULAR {
+        return None;
     }
-}
-
-/// The largest unit of which all differences between values are whole multiples, where there is one: the resolution to which the
-/// values were once rounded, in the present unit.
-fn printed(values: &[f64]) -> Option<f64> {
-    /// Least unit, as a share of the range of the values: a finer one is that of floating point.
-    const FINEST: f64 = 1e-7;
-    /// Largest distance of a value from a whole number of units: a change of unit leaves such rounding.
-    const OFF: f64 = 1e-2;
-    let mut sorted = values.to_vec();
-    sorted.sort_unstable_by(f64::total_cmp);
-    let (first, last) = (*sorted.first()?, *sorted.last()?);
-    let least = FINEST * (last - first);
-    // Euclid's algorithm on the gaps, for numbers that are nearly whole.
-    let gaps = sorted.windows(2).map(|w| w[1] - w[0]).filter(|gap| *gap > least);
-    let unit = gaps.fold(0.0_f64, |unit, gap| {
-        let (mut a, mut b) = (unit.max(gap), unit.min(gap));
-        while b > least {
-            (a, b) = (b, (a - b * (a / b).round()).abs());
-        }
-        a
-    });
-    let whole = |v: &f64| (((v - first) / unit).round() - (v - first) / unit).abs() < OFF;
-    (unit > 10.0 * least && sorted.iter().all(whole)).then_some(unit)
+    let lines = Lines::of(pv).filter(|lines| lines.are_drawn(op, pv, set_point))?;
+    Some((HistoryKind::Interpolated, [lines.share, lines.count as f64]))
 }
 
 /// Held values: changes at every k-th sample only, and at most of these samples; the longest k counts.
@@ -329,7 +271,7 @@ fn held(values: &[f64]) -> Option<(HistoryKind, [f64; 2])> {
     let changes: Vec<usize> = (1..values.len()).filter(|i| values[*i] != values[i - 1]).collect();
     (2..=LONGEST).rev().find_map(|k| {
         let blocks = values.len() / k;
-        if blocks < LINES || (changes.len() as f64) < IN_STEP[1] * blocks as f64 {
+        if blocks < RUNS || (changes.len() as f64) < IN_STEP[1] * blocks as f64 {
             return None;
         }
         let mut by_phase = vec![0_usize; k];
@@ -378,20 +320,7 @@ mod tests {
             irregular(&of(&[(0.0, 0.0), (1.0, 0.0), (2.0, 0.0), (4.0, 0.0), (5.0, 0.0), (8.0, 0.0)])),
             0.4
         );
-        assert_eq!(printed(&[1.5, 2.25, -3.0]), Some(0.75));
-        assert_eq!(printed(&[]), None);
-        let steps: Vec<f64> = (0..300).map(|k| 0.01 * f64::from((k * k) % 97)).collect();
-        for factor in [1.0, 0.01, 276.48, -0.16] {
-            let scaled: Vec<f64> = steps.iter().map(|v| 50.0 + factor * v).collect();
-            let unit = printed(&scaled).expect("all are whole hundredths");
-            assert!((unit / (0.01 * factor.abs()) - 1.0).abs() < 1e-6, "{factor}: {unit}");
-        }
-        let smooth: Vec<f64> = (0..300).map(|k| (0.1 * f64::from(k)).sin()).collect();
-        assert_eq!(printed(&smooth), None);
         assert_eq!(near_zero(&[0.1, 1.0, 1.0, 1.0]), 0.25);
-        // One line of six samples, then a turn.
-        let lines = Lines::of(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 4.75]);
-        assert_eq!((lines.count, lines.straight_on, lines.share), (1, 0, 4.0 / 7.0));
         let steps: Vec<f64> = (0..100).map(|k| f64::from(k / 4)).collect();
         assert_eq!(held(&steps), Some((HistoryKind::Held, [1.0, 4.0])));
     }

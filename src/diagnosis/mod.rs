@@ -4,7 +4,7 @@
 //! |---|---|
 //! | 1. a record becomes a window on equal rows, or is refused | [`gate`], `gate/refuse.rs` |
 //! | on which rows its samples lie, how it was acquired, by how much PV is late | [`acquisition`] |
-//! | what an archive did to the record | [`history_kind`] |
+//! | what an archive did to the record, and which samples it measured | [`history_kind`], [`lines`] |
 //! | 2. the oscillation of OP, denoised OP, the stretch that is fitted | [`region`], [`denoise`], [`prepare`] |
 //! | 3. friction: from OP to a stem | [`friction`] |
 //! | 4. the ARMAX model, its gradient, its filters | [`armax`], `armax/normal_equations.rs`, `armax/filters.rs` |
@@ -30,6 +30,7 @@ pub mod gate;
 pub mod grid;
 pub mod history_kind;
 pub mod lagged_products;
+pub mod lines;
 pub mod noise_models;
 pub mod not_identifiable;
 pub mod packed;

@@ -1,5 +1,6 @@
 //! Why a record says nothing about the valve: the reasons, their machine-readable codes, and the sentence that an operator reads.
 
+use super::history_kind::HistoryKind;
 use crate::signal::{Role, beside, figures, moment, share as told_share};
 use std::fmt;
 
@@ -34,6 +35,13 @@ pub enum NotIdentifiable {
     /// OP and PV are read at different times. The controller acts in between, which hides the stem.
     ReadApart {
         /// Share of the rows whose OP and PV were read apart (0..1).
+        share: f64,
+    },
+    /// An archive left too little of the record: the rest was not measured, or OP and PV are not known together.
+    Compressed {
+        /// What the archive did.
+        kind: HistoryKind,
+        /// Share that is missing (0..1): of PV where lines were drawn, else of the rows with OP and PV.
         share: f64,
     },
     /// The configured period of the rows is shorter than the interval of the samples, so rows would repeat a measurement.
@@ -118,6 +126,7 @@ impl NotIdentifiable {
         "gaps",
         "silent",
         "read_apart",
+        "compressed",
         "ts_too_short",
         "flat_op",
         "flat_pv",
@@ -143,6 +152,7 @@ impl NotIdentifiable {
             Self::Gaps { .. } => "gaps",
             Self::Silent { .. } => "silent",
             Self::ReadApart { .. } => "read_apart",
+            Self::Compressed { .. } => "compressed",
             Self::TsTooShort { .. } => "ts_too_short",
             Self::FlatOp => "flat_op",
             Self::FlatPv => "flat_pv",
@@ -184,6 +194,7 @@ impl fmt::Display for NotIdentifiable {
                  request",
                 told_share(*share, 0)
             ),
+            Self::Compressed { kind, share } => told_compressed(out, *kind, *share),
             Self::TsTooShort { ts, samples_s } => write!(
                 out,
                 "ts too short: rows every {ts} s were asked for, but there is a sample of both tags only every {samples_s} s, and nothing \
@@ -285,6 +296,32 @@ impl fmt::Display for NotIdentifiable {
             Self::DeadlineExceeded => write!(out, "deadline exceeded before the fit was done"),
         }
     }
+}
+
+/// The sentence of [`NotIdentifiable::Compressed`]: what the archive did, what it leaves, and the remedy.
+fn told_compressed(out: &mut fmt::Formatter<'_>, kind: HistoryKind, share: f64) -> fmt::Result {
+    let share = told_share(share, 0);
+    let (did, remedy) = match kind {
+        HistoryKind::Interpolated => {
+            return write!(
+                out,
+                "compressed: an archive drew straight lines between the few samples it kept, and {share} of PV was not measured: export \
+                 raw values, and keep OP and PV without compression"
+            );
+        }
+        HistoryKind::Exception => (
+            "only changes beyond a dead band were kept",
+            "set the dead band of both tags to 0, or export raw values",
+        ),
+        HistoryKind::SwingingDoor | HistoryKind::Held | HistoryKind::Averaged => (
+            "an archive dropped the samples that a straight line replaces",
+            "keep OP and PV without compression, or export raw values",
+        ),
+    };
+    write!(
+        out,
+        "compressed: {did}, so that OP and PV are not known at the same time in {share} of the rows: {remedy}"
+    )
 }
 
 /// A time (s) rounded down to two figures; 0 where it is not positive and finite.

@@ -1,7 +1,7 @@
 //! How a record became the window that is fitted: what the gate and the preparation note for the report.
 
 use super::acquisition::{Acquisition, Apart, Carried, ReadingLimits};
-use super::history_kind::HistoryFound;
+use super::history_kind::{HistoryFound, HistoryKind};
 use super::not_identifiable::NotIdentifiable;
 
 /// How the record became the window that was fitted.
@@ -46,14 +46,39 @@ pub struct Preparation {
 }
 
 impl Preparation {
-    /// The reason [`NotIdentifiable::ReadApart`] where OP and PV of too many rows were read apart.
+    /// The reason [`NotIdentifiable::ReadApart`] where OP and PV of too many rows were read apart, and
+    /// [`NotIdentifiable::Compressed`] where that is an archive's doing, or where it drew lines.
     ///
     /// Such a record cannot say that a valve does not stick, nor bound f: what the controller did in between explains PV without
     /// any stem, so that a bound would be too low.
     pub fn apart(&self) -> Option<NotIdentifiable> {
         let Apart { share, .. } = self.read_apart;
-        let is_too_far = self.read_apart.is_too_far(self.decimation, self.reading);
-        is_too_far.then_some(NotIdentifiable::ReadApart { share })
+        let is_too_far = self.is_drawn() || self.read_apart.is_too_far(self.decimation, self.reading);
+        is_too_far.then_some(self.by_archive(NotIdentifiable::ReadApart { share }))
+    }
+
+    /// Whether an archive drew lines, so that only their ends were measured.
+    pub fn is_drawn(&self) -> bool {
+        self.history.as_ref().is_some_and(|found| found.kind == HistoryKind::Interpolated)
+    }
+
+    /// The reason why a record cannot be judged: [`NotIdentifiable::Compressed`] where it is what an archive left out. Other polls or
+    /// another connection would not help then.
+    pub fn by_archive(&self, reason: NotIdentifiable) -> NotIdentifiable {
+        let Some(found) = &self.history else { return reason };
+        match (&reason, found.kind) {
+            (
+                NotIdentifiable::Gaps { .. }
+                | NotIdentifiable::TooShort { .. }
+                | NotIdentifiable::ReadApart { .. },
+                kind @ HistoryKind::Interpolated,
+            ) => NotIdentifiable::Compressed { kind, share: found.evidence[0] },
+            (
+                NotIdentifiable::Gaps { share } | NotIdentifiable::ReadApart { share },
+                kind @ (HistoryKind::Exception | HistoryKind::SwingingDoor),
+            ) => NotIdentifiable::Compressed { kind, share: *share },
+            _ => reason,
+        }
     }
 
     /// The quantile (0..1) of OP's steps by which the interval of f is widened, where the controller may have acted unseen

@@ -10,6 +10,7 @@ use super::evidence::{Evidence, STEADY, interval, weigh};
 use super::friction::{largest_reversal, reversals, srinivasan, stick_slip};
 use super::gate::{self, Gated};
 use super::grid::GRID;
+use super::history_kind::HistoryKind;
 use super::not_identifiable::{LEAST_EXTREMA, NotIdentifiable};
 use super::preparation::Preparation;
 use super::prepare::prepare;
@@ -48,18 +49,24 @@ pub fn diagnose_gated(record: &Record, gated: &Gated, settings: &Settings) -> Di
 
 /// Adds to the reason what an archive did to the data.
 fn with_history(mut found: Diagnosis) -> Diagnosis {
-    found.reason += &of_archive(&found.preparation);
+    found.reason += &of_archive(&found.preparation, &found.verdict);
     found
 }
 
-/// The end of a reason where an archive changed the data; else empty. It changes no verdict.
+/// The end of a reason where an archive changed the data; else empty, also where the reason is the archive.
 ///
 /// `docs/backfill.md` has the effect on f, measured on simulated loops.
-pub fn of_archive(preparation: &Preparation) -> String {
-    preparation.history.as_ref().map_or_else(String::new, |history| {
-        let kind = history.kind.as_str();
-        format!("; the data is not raw ({kind}): f reads low, and sticking may go unseen")
-    })
+pub fn of_archive(preparation: &Preparation, verdict: &Verdict) -> String {
+    let is_reason = matches!(verdict, Verdict::NotIdentifiable(NotIdentifiable::Compressed { .. }));
+    let Some(history) = preparation.history.as_ref().filter(|_| !is_reason) else { return String::new() };
+    let effect = match history.kind {
+        HistoryKind::Interpolated => "only the ends of straight lines were measured, and only they count",
+        HistoryKind::SwingingDoor => "small movements are lost, and f may be wrong",
+        HistoryKind::Exception | HistoryKind::Held | HistoryKind::Averaged => {
+            "f reads low, and sticking may go unseen"
+        }
+    };
+    format!("; the data is not raw ({}): {effect}", history.kind.as_str())
 }
 
 /// The end of a reason of `no_stiction`: the largest f that the record could hide.
@@ -74,7 +81,7 @@ pub fn could_be_hidden(f: f64, span: Option<f64>) -> String {
 ///
 /// * `span`: the span of OP, where it is known (OP unit).
 pub fn bare_reason(found: &Diagnosis, span: Option<f64>) -> &str {
-    let archive = of_archive(&found.preparation);
+    let archive = of_archive(&found.preparation, &found.verdict);
     let reason = found.reason.strip_suffix(archive.as_str()).unwrap_or(&found.reason);
     let bound = found.estimate.as_ref().map(|e| could_be_hidden(e.f_ci95[1], span));
     bound.and_then(|bound| reason.strip_suffix(bound.as_str())).unwrap_or(reason)
@@ -205,7 +212,7 @@ pub fn prepared(record: &Record, gated: &Gated, settings: &Settings) -> Result<P
                 undersampled(true).map_or((reason, oscillation), |reason| (reason, None));
             stop(reason, preparation, oscillation, Some(window))
         }
-        Err(reason) => stop(reason, preparation, oscillation, Some(window)),
+        Err(reason) => stop(preparation.by_archive(reason), preparation, oscillation, Some(window)),
     }
 }
 

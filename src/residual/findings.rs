@@ -427,6 +427,7 @@ impl Findings {
                         | NoResponse
                         | StemNotFollowed
                         | ReadApart { .. }
+                        | Compressed { .. }
                         | Compensated
                 )
             }

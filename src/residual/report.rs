@@ -17,7 +17,7 @@ use super::response::pv_follows_stem;
 use super::settings::Settings;
 use super::verdict::{Question, friction_before};
 use crate::diagnosis::verdict::of_archive;
-use crate::diagnosis::{Diagnosis, Model};
+use crate::diagnosis::{Diagnosis, Model, NotIdentifiable, Verdict};
 use crate::sysid::armax::{Armax, ORDER};
 use crate::sysid::iddata::{IdData, Units};
 use crate::sysid::valve::{Rest, ValveModel};
@@ -109,15 +109,21 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> R
     let failed = checks::failed(&data, (&stem, &dir), &after.e, 2 * ORDER);
     // A record on which tracing and diagnosis differ, or which lies between two kinds of effect, has to be searched again.
     let undisputed = answer.agrees_with(diagnosis)
+        && !is_of_no_row(&answer.verdict)
         && settings.compensated == 0.0
         && valve.is_some() == answer.tells_stiction()
         && candidates.first().is_none_or(|(kind, posterior)| kind.is_none() && *posterior > 0.5);
     let structure = structure(&data, &best.hypothesis, &facts).filter(|_| undisputed);
     let structure = structure.map(|found| Structure { asked: answer.asked, failed: failed.clone(), ..found });
     let slip_jump = answer.tells_stiction().then_some(slip_jump);
+    let effects = effects(&data, &best, facts, added, slip_jump);
+    // No model of rows describes such a record, so nothing is named that explains its PV.
+    let (effects, rejected, candidates) =
+        if is_of_no_row(&answer.verdict) { Default::default() } else { (effects, rejected, candidates) };
+    let archive = of_archive(&diagnosis.preparation, &answer.verdict);
     let findings = Findings {
         traced: traced(&data),
-        effects: effects(&data, &best, facts, added, slip_jump),
+        effects,
         rejected,
         candidates,
         simulates_worse: after.residual.free_run_rmse > 1.0001 * before.residual.free_run_rmse,
@@ -128,7 +134,7 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> R
         f_detectable,
         f_max: data.f_max * data.units.u,
         verdict: answer.verdict,
-        reason: answer.reason + &of_archive(&diagnosis.preparation),
+        reason: answer.reason + &archive,
         model: model(&data, &best.model),
         curves: curves([&recorded, &data], [&before, &after]),
         before: before.residual,
@@ -137,6 +143,12 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> R
         structure,
     };
     Report { findings, before: (recorded, declared), after: (data, best) }
+}
+
+/// Whether a record is refused because OP and PV of its rows do not belong together.
+fn is_of_no_row(verdict: &Verdict) -> bool {
+    use NotIdentifiable::{Compressed, ReadApart};
+    matches!(verdict, Verdict::NotIdentifiable(ReadApart { .. } | Compressed { .. }))
 }
 
 /// The stretch of the record that was traced: the rows of the window, fitted or held out.

@@ -381,3 +381,25 @@ fn a_term_counts_that_acted_outside_of_the_diagnosed_window() {
     let settings = settings_of(&record, [&whole, &covered], &diagnosed, &Settings::default());
     assert_eq!(settings.compensated, 100.0 / 1500.0);
 }
+
+#[test]
+fn nothing_is_named_on_a_record_whose_rows_do_not_belong_together() {
+    let mut draw = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(11));
+    let mut next = || -> f64 { draw.next().unwrap_or(0.0) };
+    let op: Vec<f64> = (0..1500).map(|k| 3.0 * (0.055 * f64::from(k)).sin() + 0.3 * next()).collect();
+    let (mut y, mut pv) = (0.0, vec![0.0; 1500]);
+    for k in 1..1500 {
+        y = 0.8 * y + 0.2 * op[k - 1] + if k > 700 { 0.5 } else { 0.0 };
+        pv[k] = y + 0.05 * next();
+    }
+    let window = Window { ts: 1.0, op, pv, ..Window::default() };
+    let named =
+        |diagnosis: &Diagnosis| trace(&window, diagnosis, &Settings::default()).expect("it is traced");
+    let told = named(&Diagnosis::bare(Verdict::NoStiction, "made for a test"));
+    assert!(!told.effects.is_empty());
+    let why = NotIdentifiable::ReadApart { share: 0.6 };
+    let refused = named(&Diagnosis::bare(Verdict::NotIdentifiable(why.clone()), "made for a test"));
+    assert_eq!(refused.verdict, Verdict::NotIdentifiable(why));
+    assert!(refused.effects.is_empty() && refused.rejected.is_empty() && refused.candidates.is_empty());
+    assert_eq!(refused.structure, None);
+}

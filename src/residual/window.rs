@@ -24,6 +24,11 @@ pub(super) fn window_of(gated: &Gated, diagnosis: &Diagnosis) -> Option<Window> 
     if let Verdict::NotIdentifiable(TsTooShort { .. } | Undersampled { .. }) = &diagnosis.verdict {
         return None;
     }
+    // The ends of lines that an archive drew are the samples that it found worth keeping: they tell of friction that shows at once, and
+    // of nothing else.
+    if diagnosis.preparation.is_drawn() && diagnosis.verdict != Verdict::Stiction {
+        return None;
+    }
     let (gated, _) = gated.as_ref().ok()?;
     let factor = diagnosis.preparation.decimation.max(1);
     let whole = if factor > 1 { prepare::decimate(gated, factor) } else { gated.clone() };

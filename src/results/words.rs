@@ -260,6 +260,10 @@ fn not_identifiable(code: &str) -> Option<(&'static str, &'static str)> {
             "OP and PV are not read at the same time",
             " Read both in one request, or export both for the same times.",
         ),
+        "compressed" => (
+            "the archive left out too much of the data",
+            " Export raw values, and keep OP and PV without compression and without a dead band.",
+        ),
         "ts_too_short" => (
             "the sample period that was set is shorter than the time between two samples",
             " Set ts_s, or --ts, to that time or more, or leave it out.",

@@ -17,7 +17,7 @@
 //!   It does not matter when they were read, because registers are held.
 
 use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, substitute};
-use crate::sysid::stats::mean;
+use crate::sysid::stats::{mean, quantile};
 
 /// Largest L that is tried (rows).
 const LATEST: usize = 3;
@@ -29,6 +29,13 @@ const QUARTER: f64 = 0.25;
 /// Share of OP's moves below which an equation holds: where L - 1 or the process leaves no more, PV is not late; where the
 /// controller leaves no more, nothing else moved OP.
 const EXPLAINED: f64 = 1e-3;
+
+/// Largest share of OP's moves that the controller leaves where it computed OP from PV: the rounding of OP leaves a hundredth where
+/// a usual move is four of its last digits, 1/6 of a squared digit of 16.
+const COMPUTED: f64 = 0.01;
+/// Share of the rows at which the controller's equation has to hold to the last digit: a limit of OP, or a set point that was
+/// changed between two scans, may break it at the others.
+const USUAL: f64 = 0.9;
 
 /// One tag on rows; `None` where it is missing.
 type Rows<'a> = &'a [Option<f64>];
@@ -64,36 +71,120 @@ pub fn answer(op: Rows, pv: Rows, sp: Option<Rows>) -> Answer {
     Answer { pv_late, of_one_scan }
 }
 
+/// Whether the controller computed OP from these values of PV: for some L its equation holds to the rounding of the values. `None`
+/// where OP does not tell, because it moves at too few rows or has too few digits.
+///
+/// PV that an archive drew is not what the controller read, so that its equation leaves more than rounding.
+///
+/// * `span`: number of rows over which the equation is summed: over more of them OP moves further, and is rounded as ever.
+/// * `rounding`: the last digit of OP, and of PV.
+pub fn is_computed(
+    op: Rows,
+    pv: Rows,
+    sp: Option<Rows>,
+    span: usize,
+    [op_unit, pv_unit]: [f64; 2],
+) -> Option<bool> {
+    let mut told = None;
+    for newest in 0..LATEST + 2 {
+        let (mut columns, mut moves) = (vec![Vec::new(); COLUMNS], Vec::new());
+        let rows: Vec<Option<Equation>> = all_rows(op).map(|k| equation(op, pv, sp, newest, k)).collect();
+        for rows in rows.windows(span.max(1)) {
+            let Some(summed) = rows.iter().copied().sum::<Option<Equation>>().filter(|own| own.travel > 0.0)
+            else {
+                continue;
+            };
+            moves.push(summed.moved);
+            columns.iter_mut().zip(summed.columns).for_each(|(column, value)| column.push(value));
+        }
+        if moves.len() < LEAST_ROWS {
+            continue;
+        }
+        columns.iter_mut().chain([&mut moves]).for_each(|column| centred(column));
+        let most = COMPUTED * dot(&moves, &moves);
+        let (theta, rest) = fitted(&columns, &moves);
+        // Two values of OP are rounded, of PV two in its move, and all in its sum.
+        let of_pv = theta[1].abs() + theta[0].abs() * (span as f64).sqrt();
+        let rounding = op_unit + of_pv * pv_unit;
+        // By half a digit each, so that a square is 1/12.
+        if moves.len() as f64 * rounding * rounding / 6.0 > most {
+            continue;
+        }
+        // One change of set point has more power than all the rows at which PV was drawn, so that the usual row has to hold as well.
+        let sizes: Vec<f64> = rest.iter().map(|rest| rest.abs()).collect();
+        if dot(&rest, &rest) <= most && quantile(&sizes, USUAL) <= rounding {
+            return Some(true);
+        }
+        told = Some(false);
+    }
+    told
+}
+
 /// The sum of squares that each equation leaves, as a share of that of OP's moves.
 struct Unexplained {
     by_controller: f64,
     by_process: f64,
 }
 
+/// Columns of an equation: PV, its first and second difference, set point, and its change.
+const COLUMNS: usize = 5;
+
+/// Both equations of one row, or their sums over several.
+#[derive(Clone, Copy, Default)]
+struct Equation {
+    /// See [`COLUMNS`].
+    columns: [f64; COLUMNS],
+    /// OP.
+    op: f64,
+    /// The move of OP.
+    moved: f64,
+    /// The size of that move.
+    travel: f64,
+}
+
+impl std::iter::Sum for Equation {
+    fn sum<I: Iterator<Item = Self>>(rows: I) -> Self {
+        rows.fold(Self::default(), |sum, row| Self {
+            columns: std::array::from_fn(|i| sum.columns[i] + row.columns[i]),
+            op: sum.op + row.op,
+            moved: sum.moved + row.moved,
+            travel: sum.travel + row.travel,
+        })
+    }
+}
+
+/// The rows for which an equation can be asked: the same for every `newest`, so that the shares compare.
+fn all_rows(op: Rows) -> std::ops::Range<usize> {
+    3..op.len().saturating_sub(LATEST)
+}
+
+/// The equations of row `k`; `None` where a value is missing.
+///
+/// * `newest`: L + 1, so that 1 is PV of OP's own row, and 0 PV of the rows before it alone.
+fn equation(op: Rows, pv: Rows, sp: Option<Rows>, newest: usize, k: usize) -> Option<Equation> {
+    let own = op[k]?;
+    let pv = [pv[k + newest - 1]?, pv[k + newest - 2]?, pv[k + newest - 3]?];
+    let sp = match sp {
+        Some(sp) => [sp[k]?, sp[k - 1]?],
+        None => [0.0; 2],
+    };
+    // Differences of neighbours, because the values themselves are nearly collinear.
+    let columns = [pv[0], pv[0] - pv[1], pv[0] - 2.0 * pv[1] + pv[2], sp[0], sp[0] - sp[1]];
+    let moved = own - op[k - 1]?;
+    Some(Equation { columns, op: own, moved, travel: moved.abs() })
+}
+
 /// What both equations leave of OP; `None` where OP moves at fewer than [`LEAST_ROWS`] rows. Rows at which OP does not move are
 /// left out, because it may be at a limit or in a dead band.
 ///
-/// * `newest`: L + 1, so that 1 is PV of OP's own row, and 0 PV of the rows before it alone.
+/// * `newest`: see [`equation`].
 fn unexplained(op: Rows, pv: Rows, sp: Option<Rows>, newest: usize) -> Option<Unexplained> {
-    // The same rows for every `newest`, so that the shares compare.
-    let rows = 3..op.len().checked_sub(LATEST)?;
-    let (mut columns, mut outputs, mut moves) = (vec![Vec::new(); 5], Vec::new(), Vec::new());
-    for k in rows {
-        let all = || {
-            let own = op[k]?;
-            let pv = [pv[k + newest - 1]?, pv[k + newest - 2]?, pv[k + newest - 3]?];
-            let sp = match sp {
-                Some(sp) => [sp[k]?, sp[k - 1]?],
-                None => [0.0; 2],
-            };
-            // Differences of neighbours, because the values themselves are nearly collinear.
-            let row = [pv[0], pv[0] - pv[1], pv[0] - 2.0 * pv[1] + pv[2], sp[0], sp[0] - sp[1]];
-            Some((own, own - op[k - 1]?, row))
-        };
-        let Some((own, moved, row)) = all().filter(|(_, moved, _)| *moved != 0.0) else { continue };
-        outputs.push(own);
-        moves.push(moved);
-        columns.iter_mut().zip(row).for_each(|(column, value)| column.push(value));
+    let (mut columns, mut outputs, mut moves) = (vec![Vec::new(); COLUMNS], Vec::new(), Vec::new());
+    for k in all_rows(op) {
+        let Some(row) = equation(op, pv, sp, newest, k).filter(|row| row.moved != 0.0) else { continue };
+        outputs.push(row.op);
+        moves.push(row.moved);
+        columns.iter_mut().zip(row.columns).for_each(|(column, value)| column.push(value));
     }
     let power = dot(&moves, &moves);
     if moves.len() < LEAST_ROWS || power.is_nan() || power <= 0.0 {
@@ -101,7 +192,7 @@ fn unexplained(op: Rows, pv: Rows, sp: Option<Rows>, newest: usize) -> Option<Un
     }
     columns.iter_mut().chain([&mut moves, &mut outputs]).for_each(|column| centred(column));
     let share = |columns: &[Vec<f64>], y: &[f64]| {
-        let rest = residual(columns, y);
+        let (_, rest) = fitted(columns, y);
         dot(&rest, &rest) / power
     };
     Some(Unexplained { by_controller: share(&columns, &moves), by_process: share(&columns[..3], &outputs) })
@@ -113,8 +204,8 @@ fn centred(column: &mut [f64]) {
     column.iter_mut().for_each(|value| *value -= middle);
 }
 
-/// The residual of `y` by least squares on the columns.
-fn residual(columns: &[Vec<f64>], y: &[f64]) -> Vec<f64> {
+/// The coefficients of `y` by least squares on the columns, and its residual.
+fn fitted(columns: &[Vec<f64>], y: &[f64]) -> (Vec<f64>, Vec<f64>) {
     let n = columns.len();
     let mut g: Vec<f64> = (0..n * n).map(|at| dot(&columns[at / n], &columns[at % n])).collect();
     let mut theta: Vec<f64> = columns.iter().map(|column| dot(column, y)).collect();
@@ -123,7 +214,8 @@ fn residual(columns: &[Vec<f64>], y: &[f64]) -> Vec<f64> {
     substitute(&g, n, &live, &mut theta);
     let explained =
         |k: usize| columns.iter().zip(&theta).map(|(column, theta)| theta * column[k]).sum::<f64>();
-    (0..y.len()).map(|k| y[k] - explained(k)).collect()
+    let rest = (0..y.len()).map(|k| y[k] - explained(k)).collect();
+    (theta, rest)
 }
 
 #[cfg(test)]

@@ -19,7 +19,7 @@ mod limits;
 mod place;
 mod scan;
 
-pub use late::{Answer, answer};
+pub use late::{Answer, answer, is_computed};
 pub use lattice::period;
 pub use limits::ReadingLimits;
 pub use place::{Apart, Carried, Placed};

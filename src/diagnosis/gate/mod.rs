@@ -11,7 +11,8 @@ mod refuse;
 mod stretches;
 
 use super::acquisition::{self, Acquisition, Answer, Placed};
-use super::history_kind::{HistoryKind, recognise};
+use super::history_kind::{HistoryKind, recognise_beside};
+use super::lines::Lines;
 use super::not_identifiable::NotIdentifiable;
 use super::preparation::Preparation;
 use super::settings::Settings;
@@ -41,7 +42,7 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
     let mut preparation = Preparation { decimation: 1, reading: settings.reading, ..Preparation::default() };
     let op = clean(&record.input(), Zero::DropOut, record.limits(), &mut preparation);
     let pv = clean(&record.pv, Zero::DropOut, None, &mut preparation);
-    preparation.history = recognise(&op.kept, &pv.kept).map(Box::new);
+    preparation.history = recognise_beside(&op.kept, &pv.kept, record.sp.as_deref()).map(Box::new);
     let need = settings.min_samples;
     let stop =
         |reason: NotIdentifiable, preparation: &Preparation| Err(Box::new((reason, preparation.clone())));
@@ -67,14 +68,18 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
     preparation.carried = settings.ts.and_then(|_| placed.coarser_readings(&op.kept, &pv.kept));
     let (from, to) = match stretch_of_window(record, &placed, (&op.kept, &pv.kept), settings) {
         Ok(stretch) => stretch,
-        Err(reason) => return stop(reason, &preparation),
+        Err(reason) => return stop(preparation.by_archive(reason), &preparation),
     };
+    let drawn = preparation.is_drawn().then(|| (measured(&op.kept), measured(&pv.kept)));
+    let (op_kept, pv_kept) =
+        drawn.as_ref().map_or((&op.kept[..], &pv.kept[..]), |drawn| (&drawn.0[..], &drawn.1[..]));
+    let (from, to) = if drawn.is_some() { known((from, to), op_kept, pv_kept, ts) } else { (from, to) };
     let rows = placed.row_of(to) - placed.row_of(from) + 1.0;
     let most = (MOST_POINTS * (op.kept.len() + pv.kept.len())) as f64;
     if rows.is_nan() || rows > most {
         return stop(preparation.too_close().unwrap_or(NotIdentifiable::Gaps { share: 1.0 }), &preparation);
     }
-    let there = (within(&op.kept, from, to), within(&pv.kept, from, to));
+    let there = (within(op_kept, from, to), within(pv_kept, from, to));
     let (first, rows) = (placed.row_of(from) as i64, rows.max(0.0) as usize);
     let answered = answer(record, &placed, there, first, rows);
     (placed.pv_late, placed.of_one_scan) = (answered.pv_late, answered.of_one_scan);
@@ -86,17 +91,18 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
     let n = window.len();
     preparation.gap_share = window.missing();
     if n < need {
-        let share = missing_share(&pv.kept, ts).max(missing_share(&op.kept, ts)).max(preparation.gap_share);
+        let share = missing_share(pv_kept, ts).max(missing_share(op_kept, ts)).max(preparation.gap_share);
         let gaps = share > FEW_MISSING;
         let reason =
             if gaps { NotIdentifiable::Gaps { share } } else { NotIdentifiable::TooShort { n, need } };
-        return stop(turns.unwrap_or(reason), &preparation);
+        return stop(preparation.by_archive(turns.unwrap_or(reason)), &preparation);
     }
     preparation.worst_skew = worst_skew(&op.kept, &pv.kept, from, to);
     describe(&window, &mut preparation);
     match refuse(&mut window, record, settings, &preparation) {
         Some(NotIdentifiable::Gaps { share }) => {
-            Err(Box::new((turns.unwrap_or(NotIdentifiable::Gaps { share }), preparation)))
+            let reason = preparation.by_archive(turns.unwrap_or(NotIdentifiable::Gaps { share }));
+            Err(Box::new((reason, preparation)))
         }
         Some(reason) => Err(Box::new((reason, preparation))),
         None => Ok((window, preparation)),
@@ -116,6 +122,18 @@ fn stretch_of_window(
         let by_mode = record.mode.is_some();
         if by_mode { NotIdentifiable::Gaps { share } } else { NotIdentifiable::ReadApart { share } }
     })
+}
+
+/// The samples that were measured of a tag on whose rows an archive drew lines: their ends; all where there are no such lines.
+fn measured(kept: &[Sample]) -> Vec<Sample> {
+    let lines = Lines::of(kept).filter(Lines::look_drawn);
+    lines.map_or_else(|| kept.to_vec(), |lines| lines.measured(kept))
+}
+
+/// The longest part of a stretch without a long hole between the samples that were measured (s); where there is none, its begin.
+fn known(stretch: (f64, f64), op: &[Sample], pv: &[Sample], ts: f64) -> (f64, f64) {
+    let both = intersect(&runs(op, ts), &runs(pv, ts));
+    longest_of(&intersect(&[stretch], &both)).unwrap_or((stretch.0, stretch.0))
 }
 
 /// The share of rows with only one of OP and PV, among the rows with a sample, where the two were read in turns; else `None`.

@@ -4,7 +4,7 @@ use super::*;
 use crate::diagnosis::armax::{Fit, Orders, Theta};
 use crate::diagnosis::friction::{Cell, Start};
 use crate::diagnosis::search::Holes;
-use crate::diagnosis::{Acquisition, HistoryFound, HistoryKind};
+use crate::diagnosis::{Acquisition, Apart, HistoryFound, HistoryKind};
 use crate::signal::{Role, Sample};
 use std::f64::consts::TAU;
 
@@ -164,6 +164,34 @@ fn a_reason_is_known_without_what_it_ends_with() {
     }
     let other = Diagnosis::bare(Verdict::NoStiction, "made for a test");
     assert_eq!(bare_reason(&other, None), "made for a test");
+}
+
+#[test]
+fn what_an_archive_left_out_is_told_with_its_own_remedy() {
+    let of = |kind: HistoryKind| {
+        let history = HistoryFound { kind, role: Role::Pv, evidence: [0.9, 40.0] };
+        let read_apart = Apart { share: 0.6, rows: 0.5 };
+        Preparation { history: Some(Box::new(history)), read_apart, decimation: 1, ..Preparation::default() }
+    };
+    let exception = of(HistoryKind::Exception);
+    let apart = exception.apart().expect("read apart");
+    assert_eq!(apart.code(), "compressed");
+    assert_eq!(
+        apart.to_string(),
+        "compressed: only changes beyond a dead band were kept, so that OP and PV are not known at the same time in 60 % of the rows: \
+         set the dead band of both tags to 0, or export raw values"
+    );
+    // The reason has it already.
+    let verdict = Verdict::NotIdentifiable(apart);
+    assert_eq!(of_archive(&exception, &verdict), "");
+    assert!(of_archive(&exception, &Verdict::NoStiction).contains("not raw (exception)"));
+    // A lost connection, a manual loop and values that are held have other remedies.
+    let gaps = NotIdentifiable::Gaps { share: 0.7 };
+    assert_eq!(of(HistoryKind::Held).by_archive(gaps.clone()), gaps);
+    assert_eq!(Preparation::default().by_archive(gaps.clone()), gaps);
+    assert_eq!(exception.by_archive(NotIdentifiable::FlatOp), NotIdentifiable::FlatOp);
+    let drawn = of(HistoryKind::Interpolated).by_archive(gaps);
+    assert_eq!(drawn, NotIdentifiable::Compressed { kind: HistoryKind::Interpolated, share: 0.9 });
 }
 
 #[test]

@@ -1,5 +1,5 @@
 use super::*;
-use crate::diagnosis::NotIdentifiable;
+use crate::diagnosis::{HistoryKind, NotIdentifiable};
 use crate::residual::{Kind, Test};
 use crate::signal::Role;
 use std::fmt::Write;
@@ -10,7 +10,7 @@ fn verdict(outcome: &'static str, f: Option<f64>, f_high: Option<f64>) -> Verdic
 }
 
 /// Why nothing can be said, all of it.
-fn reasons() -> [NotIdentifiable; 20] {
+fn reasons() -> [NotIdentifiable; 21] {
     [
         NotIdentifiable::NoTimeBase,
         NotIdentifiable::FlatOp,
@@ -24,6 +24,7 @@ fn reasons() -> [NotIdentifiable; 20] {
         NotIdentifiable::Gaps { share: 1.0 },
         NotIdentifiable::Silent { tag: Role::Pv, since: 0.0 },
         NotIdentifiable::ReadApart { share: 1.0 },
+        NotIdentifiable::Compressed { kind: HistoryKind::Interpolated, share: 0.9 },
         NotIdentifiable::TsTooShort { ts: 0.5, samples_s: 1.0 },
         NotIdentifiable::Saturated { share: 1.0 },
         NotIdentifiable::Manual { share_auto: 0.0 },

@@ -40,12 +40,13 @@ pub fn of_plant(items: &[LoopItem], to_acknowledge: usize, now: Option<&str>) ->
 }
 
 /// Why nothing can be told of a valve, in a few words; the page has the same in its tiles.
-const REASONS: [(&str, &str); 20] = [
+const REASONS: [(&str, &str); 21] = [
     ("too_short", "too little data"),
     ("no_time_base", "no time base"),
     ("gaps", "data missing"),
     ("silent", "the source is silent"),
     ("read_apart", "OP and PV read apart"),
+    ("compressed", "compressed by the archive"),
     ("ts_too_short", "ts_s too short"),
     ("flat_op", "OP stands still"),
     ("flat_pv", "PV stands still"),

@@ -4,7 +4,7 @@ export const VERDICTS = { stiction: "sticks", no_stiction: "no sticking", not_id
 
 // Why nothing can be told of a valve, short enough for a tile. The plant's report has the same words, and a test compares them.
 const REASONS = {
-  too_short: "too little data", no_time_base: "no time base", gaps: "data missing", silent: "the source is silent", read_apart: "OP and PV read apart", ts_too_short: "ts_s too short", flat_op: "OP stands still", flat_pv: "PV stands still",
+  too_short: "too little data", no_time_base: "no time base", gaps: "data missing", silent: "the source is silent", read_apart: "OP and PV read apart", compressed: "compressed by the archive", ts_too_short: "ts_s too short", flat_op: "OP stands still", flat_pv: "PV stands still",
   saturated: "OP at a limit", manual: "not in automatic", mode_unknown: "mode not readable", not_excited: "OP hardly reverses", hidden_friction: "sticking not excluded", undecided: "may stick, undecided", undersampled: "sampled too slowly",
   no_response: "PV hidden by loads", stem_not_followed: "sticks, or load jumps", compensated: "write-back hides it", out_of_scale: "values out of scale", deadline_exceeded: "took too long",
 };
