@@ -13,7 +13,7 @@ use generators::{Case, Generator, Size};
 use std::collections::BTreeMap;
 use stictiond_numerics::diagnosis::{self, gate, region};
 use stictiond_numerics::residual::Kind;
-use stictiond_numerics::residual::data_quality::{Fact, assess};
+use stictiond_numerics::residual::data_quality::{Fact, assess, of_gate};
 use stictiond_numerics::residual::hypothesis::Hypothesis;
 use stictiond_numerics::residual::valve_search::{Effort, search};
 use stictiond_numerics::sysid::arx::Arx;
@@ -80,12 +80,13 @@ struct Told {
 
 fn judge(generator: &Generator, case: Case) -> Option<Told> {
     let (record, truth) = (generator.record)(&case);
-    let (window, _) = gate::gate(&record, &diagnosis::Settings::default()).ok()?;
+    let (window, prepared) = gate::gate(&record, &diagnosis::Settings::default()).ok()?;
     let found = region::analyse(&window.op);
     let start =
         region::start_of(&found, &window.op, 0, window.len() / 3).unwrap_or(Start { index: 0, is_max: true });
     let mut data = IdData::new(&window, start)?;
-    let facts = assess(&mut data, &stem);
+    let mut facts = assess(&mut data, &stem);
+    facts.extend(of_gate(prepared.acquisition.map_or(0.0, |found| found.pv_late_s), window.ts));
     Some(Told { case, name: truth.name, facts })
 }
 

@@ -97,7 +97,7 @@ fn at_most(what: &str, count: usize, of: usize, rate: f64) {
 fn holds(generator: &Generator, rates: &Rates) {
     let effects = Kind::ALL.into_iter().flat_map(|kind| of_kind(generator, kind, OF_A_KIND, Size::Medium));
     let found = parallel::each(effects, |case| judge(generator, &case, false));
-    assert!(found.iter().all(|j| !j.candidates.is_empty()), "every case can be traced");
+    assert!(found.iter().all(|j| j.is_traced), "every case can be traced");
     let odd = found.iter().filter(|j| j.naming() != Naming::Right || !j.beside().is_empty());
     odd.for_each(|j| println!("{}", j.line()));
     let (sticking, sound): (Vec<&Judged>, Vec<&Judged>) = found.iter().partition(|j| j.f_true > 0.0);
@@ -136,7 +136,7 @@ fn where_nothing_is_hidden_little_is_invented_and_nobody_accused() {
     let generators = GENERATORS;
     let cases = generators.iter().flat_map(|own| clean(own).into_iter().map(move |case| (own, case)));
     let quiet = parallel::each(cases, |(generator, case)| judge(generator, &case, false));
-    assert!(quiet.iter().all(|j| !j.candidates.is_empty()), "every case can be traced");
+    assert!(quiet.iter().all(|j| j.is_traced), "every case can be traced");
     quiet.iter().filter(|j| !j.beside().is_empty()).for_each(|j| println!("{}", j.line()));
     let invented = quiet.iter().filter(|j| !j.beside().is_empty()).count();
     at_most("invented on", invented, quiet.len(), INVENTED);

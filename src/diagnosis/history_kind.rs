@@ -7,7 +7,7 @@
 //! |---|---|
 //! | report by exception | irregular stamps, and hardly any change near zero |
 //! | swinging door | irregular stamps, and hardly any sample near the line through its neighbours |
-//! | interpolated | samples of PV on straight lines to the last digit, with sharp ends, of which the controller knows nothing ([`super::lines`]) |
+//! | interpolated | samples of PV on straight lines to the last digit, with sharp ends, from which OP was not computed ([`super::lines`]) |
 //! | held | values change at every k-th sample only |
 //! | averaged | differences correlate by -1/2 at lag k, and not before |
 //!
@@ -72,6 +72,15 @@ impl HistoryKind {
             Self::Interpolated => "interpolated",
             Self::Held => "held",
             Self::Averaged => "averaged",
+        }
+    }
+
+    /// What it means for f, as the end of a reason.
+    pub fn effect(self) -> &'static str {
+        match self {
+            Self::Interpolated => "only the ends of straight lines were measured, and only they count",
+            Self::SwingingDoor => "small movements are lost, and f may be wrong",
+            Self::Exception | Self::Held | Self::Averaged => "f reads low, and sticking may go unseen",
         }
     }
 
@@ -252,8 +261,8 @@ fn without_previous(series: &[Sample]) -> Vec<Sample> {
     series.iter().enumerate().filter(|(i, _)| !is_previous(*i)).map(|(_, s)| *s).collect()
 }
 
-/// Interpolation: PV on straight lines to its last digit, with sharp ends. Lines of which OP was computed are measurements: where no
-/// noise is recorded, a tank fills on straight lines while a valve is stuck.
+/// Interpolation: PV on straight lines to its last digit, with sharp ends, from which OP was not computed. With its evidence: the
+/// share of samples on such lines, and their number.
 fn interpolated(
     op: &[Sample],
     pv: &[Sample],

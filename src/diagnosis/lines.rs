@@ -1,24 +1,25 @@
 //! Straight lines that an archive drew between the samples that it kept.
 //!
 //! A compressing archive keeps some samples, and an export draws lines between them at every row. What is on a line between its
-//! two ends was not measured. It is smoother than PV, so that any bend is an event: such lines make a sound valve look stuck.
+//! two ends was not measured. It is smoother than PV, and bends at its ends only. Such lines make a sound valve look stuck.
 //!
 //! Three things tell such lines from measurements:
 //!
 //! * The samples are on the line to the last digit of the record: their distances from it are those of rounding alone. Measured
 //!   values have noise, and a curve bends away from its chord.
 //! * The lines end sharply. A curve that is rounded to coarse digits has chords, too, but they hardly turn at their ends.
-//! * The controller did not compute OP from them. Without noise a tank fills on straight lines while the valve is stuck, and the
-//!   slopes of a set point are straight; then OP follows from them by the controller's equation.
+//! * The controller did not compute OP from them. A tank without noise fills on straight lines while the valve is stuck, and the
+//!   ramps of a set point are straight. OP follows from such lines by the controller's equation.
 
-use super::acquisition;
+use super::acquisition::computed::is_computed;
+use super::acquisition::lattice::period as sample_period;
 use crate::signal::Sample;
 use crate::sysid::stats::median;
 
 /// Fewest lines of an archive: a ramp or two make fewer.
 const LINES: usize = 12;
-/// Least share of samples on such lines. By chance one in six is: three neighbours are on a line by one of three neighbouring values,
-/// and the turn that [`SHARP`] asks for at its end needs values spread over seventeen.
+/// Least share of samples on such lines. By chance one sample in six is on one: the turn of [`SHARP`] spreads the values over
+/// seventeen, and three of these put a sample on the line through its neighbours.
 const STRAIGHT: f64 = 0.25;
 /// Least turn at the end of a line: its length times the change of slope (units of the values). An arc is a unit off its chord where
 /// curvature times length squared is 8, and its chords turn by as much. Rounding can double the distance, and so the turn.
@@ -59,6 +60,8 @@ pub struct Lines {
     unit: f64,
     /// Variance about such lines (squared units); 0 where the values are not printed with few digits: then they are on lines exactly.
     variance: f64,
+    /// Sample period (s).
+    period: f64,
     /// Row of each sample.
     rows: Vec<usize>,
     /// First and last sample of each line; every sample but the first ends one, also one of two samples.
@@ -69,18 +72,12 @@ impl Lines {
     /// The lines in samples in the order of time; `None` where they stand still, or have no sample period.
     pub fn of(series: &[Sample]) -> Option<Self> {
         let values: Vec<f64> = series.iter().map(|s| s.value).collect();
-        let period = acquisition::period(series)?;
+        let period = sample_period(series)?;
         let times: Vec<f64> = series.iter().map(|s| (s.t - series[0].t) / period).collect();
-        let steps: Vec<f64> = values.windows(2).map(|w| (w[1] - w[0]).abs()).filter(|d| *d > 0.0).collect();
-        let scale = median(&steps);
-        if scale.is_nan() || scale <= 0.0 {
-            return None;
-        }
-        let digits = printed(&values);
-        let largest = values.iter().fold(0.0_f64, |largest, v| largest.max(v.abs()));
-        let unit = digits.unwrap_or_else(|| (FINE * scale).max(SINGLE * largest));
+        let (unit, is_printed) = rounding(&values)?;
         let rows = times.iter().map(|row| row.round() as usize).collect();
-        let mut lines = Self { unit, rows, ends: chords(&times, &values, ONE * unit), ..Self::default() };
+        let ends = chords(&times, &values, ONE * unit);
+        let mut lines = Self { unit, period, rows, ends, ..Self::default() };
         let mut squares = 0.0;
         for pair in lines.ends.windows(2) {
             let slope = |(a, b): (usize, usize)| (values[b] - values[a]) / (times[b] - times[a]);
@@ -95,7 +92,9 @@ impl Lines {
             }
         }
         lines.share = lines.inside as f64 / values.len() as f64;
-        lines.variance = digits.map_or(0.0, |unit| squares / (lines.inside.max(1) as f64 * unit * unit));
+        if is_printed {
+            lines.variance = squares / (lines.inside.max(1) as f64 * unit * unit);
+        }
         Some(lines)
     }
 
@@ -108,49 +107,57 @@ impl Lines {
 
     /// Whether the values were drawn and not measured. Where OP was computed from them, they are measurements.
     ///
-    /// * `pv`: the samples that the lines are of. `op`, `set_point`: samples in the order of time.
+    /// * `pv`: the samples that the lines are of.
+    /// * `op`: samples in the order of time.
+    /// * `set_point`: samples, where it is recorded.
     pub fn are_drawn(&self, op: &[Sample], pv: &[Sample], set_point: Option<&[Sample]>) -> bool {
-        let goes_on = self.straight_on as f64 >= STRAIGHT_ON * self.count as f64;
+        let near = SAME_ROW * self.period;
+        let op = at_stamps(op, pv, |s, t| (s.t - t).abs() <= near, near);
         // An export has both tags at every row. Tags that were read apart are told as such.
-        let beside = op_at(op, pv).map_or(0, |op| op.iter().flatten().count());
-        self.look_drawn()
-            && 2 * beside > pv.len()
-            && !self.are_computed_from(op, pv, set_point).unwrap_or(!goes_on)
+        let has_both = 2 * op.iter().flatten().count() > pv.len();
+        let goes_on = self.straight_on as f64 >= STRAIGHT_ON * self.count as f64;
+        self.look_drawn() && has_both && !self.are_computed_from(&op, pv, set_point).unwrap_or(!goes_on)
     }
 
-    /// Whether OP was computed from the values; `None` where it does not tell.
-    fn are_computed_from(&self, op: &[Sample], pv: &[Sample], set_point: Option<&[Sample]>) -> Option<bool> {
+    /// Whether the controller computed OP from the values; `None` where it does not tell.
+    ///
+    /// * `op`: one value for each sample of PV; `None` where it was not read beside it.
+    fn are_computed_from(
+        &self,
+        op: &[Option<f64>],
+        pv: &[Sample],
+        set_point: Option<&[Sample]>,
+    ) -> Option<bool> {
         let n = self.rows.last()?.saturating_add(1);
         if n > MOST_ROWS * pv.len() {
             return None;
         }
-        let on_rows = |values: Vec<Option<f64>>| {
+        let on_rows = |values: &[Option<f64>]| -> Vec<Option<f64>> {
             let mut out = vec![None; n];
             for (row, value) in self.rows.iter().zip(values) {
-                out.get_mut(*row).into_iter().for_each(|slot| *slot = value);
+                if let Some(slot) = out.get_mut(*row) {
+                    *slot = *value;
+                }
             }
             out
         };
-        let op_rows = on_rows(op_at(op, pv)?);
-        let near = SAME_ROW * acquisition::period(pv)?;
-        let set_point = set_point.map(|series| {
-            let good: Vec<Sample> =
-                series.iter().filter(|s| s.quality.is_good() && s.value.is_finite()).copied().collect();
-            on_rows(at_stamps(&good, pv, |_, _| true, near))
-        });
-        let pv_rows = on_rows(pv.iter().map(|s| Some(s.value)).collect());
+        let is_good = |s: &&Sample| s.quality.is_good() && s.t.is_finite() && s.value.is_finite();
+        let mut good: Vec<Sample> = set_point.unwrap_or_default().iter().filter(is_good).copied().collect();
+        good.sort_by(|a, b| a.t.total_cmp(&b.t));
+        let set_point =
+            (!good.is_empty()).then(|| on_rows(&at_stamps(&good, pv, |_, _| true, SAME_ROW * self.period)));
+        let pv: Vec<Option<f64>> = pv.iter().map(|s| Some(s.value)).collect();
+        let (op_rows, pv_rows) = (on_rows(op), on_rows(&pv));
+        let op: Vec<f64> = op.iter().copied().flatten().collect();
+        let units = [rounding(&op).map_or(0.0, |(unit, _)| unit), self.unit];
         // From an end of a line to its middle what was drawn is furthest from what was measured.
         let lengths: Vec<f64> =
             self.ends.iter().filter(|(a, b)| b - a >= 2).map(|(a, b)| (b - a) as f64).collect();
         let most = (0.5 * median(&lengths)) as usize;
-        let unit = |series: &[Sample]| Self::of(series).map_or(0.0, |lines| lines.unit);
-        let rounding = [unit(op), self.unit];
         // Where rows are missing, only shorter spans may be whole.
         let mut spans =
             std::iter::successors(Some(most.max(1)), |span| Some(span / 2)).take_while(|span| *span > 0);
-        spans.find_map(|span| {
-            acquisition::is_computed(&op_rows, &pv_rows, set_point.as_deref(), span, rounding)
-        })
+        spans.find_map(|span| is_computed(&op_rows, &pv_rows, set_point.as_deref(), span, units))
     }
 
     /// The samples at the ends of lines: what is between them was not measured.
@@ -161,12 +168,6 @@ impl Lines {
         let ends = self.ends.iter().filter_map(|(_, end)| series.get(*end)).copied();
         first.into_iter().chain(ends).collect()
     }
-}
-
-/// OP at each stamp of PV, where it was read beside it; `None` where PV has no sample period.
-fn op_at(op: &[Sample], pv: &[Sample]) -> Option<Vec<Option<f64>>> {
-    let near = SAME_ROW * acquisition::period(pv)?;
-    Some(at_stamps(op, pv, |s, t| (s.t - t).abs() <= near, near))
 }
 
 /// The last sample at or before each stamp of PV, or a little after it, where it passes; else `None`.
@@ -224,6 +225,18 @@ fn about_line(times: &[f64], values: &[f64]) -> f64 {
         vv += (v - v0).powi(2);
     }
     (vv - tv * tv / tt).max(0.0)
+}
+
+/// The rounding of values, and whether they are printed with so few digits that it shows; `None` where they stand still.
+fn rounding(values: &[f64]) -> Option<(f64, bool)> {
+    let steps: Vec<f64> = values.windows(2).map(|w| (w[1] - w[0]).abs()).filter(|d| *d > 0.0).collect();
+    let scale = median(&steps);
+    if scale.is_nan() || scale <= 0.0 {
+        return None;
+    }
+    let largest = values.iter().fold(0.0_f64, |largest, v| largest.max(v.abs()));
+    let digits = printed(values);
+    Some((digits.unwrap_or_else(|| (FINE * scale).max(SINGLE * largest)), digits.is_some()))
 }
 
 /// The largest unit of which all differences between values are whole multiples, where there is one: the resolution to which the

@@ -44,6 +44,13 @@ pub enum NotIdentifiable {
         /// Share that is missing (0..1): of PV where lines were drawn, else of the rows with OP and PV.
         share: f64,
     },
+    /// OP answers a PV that is recorded later. The controller's inverse explains PV then, which hides the stem.
+    PvLate {
+        /// Share of the record in which OP shows it (0..1).
+        share: f64,
+        /// Time by which PV is recorded late, about (s).
+        late_s: f64,
+    },
     /// The configured period of the rows is shorter than the interval of the samples, so rows would repeat a measurement.
     TsTooShort {
         /// The configured period (s).
@@ -120,7 +127,7 @@ pub enum NotIdentifiable {
 
 impl NotIdentifiable {
     /// Every [`NotIdentifiable::code`].
-    pub const CODES: [&str; 20] = [
+    pub const CODES: [&str; 21] = [
         "too_short",
         "no_time_base",
         "gaps",
@@ -151,7 +158,8 @@ impl NotIdentifiable {
             Self::NoTimeBase => "no_time_base",
             Self::Gaps { .. } => "gaps",
             Self::Silent { .. } => "silent",
-            Self::ReadApart { .. } => "read_apart",
+            // To whoever counts reasons it is the same: OP and PV of a row are not of one time.
+            Self::ReadApart { .. } | Self::PvLate { .. } => "read_apart",
             Self::Compressed { .. } => "compressed",
             Self::TsTooShort { .. } => "ts_too_short",
             Self::FlatOp => "flat_op",
@@ -192,6 +200,13 @@ impl fmt::Display for NotIdentifiable {
                 out,
                 "read apart: OP and PV are not read at the same time in {} of the rows, and the controller acts in between: read both in one \
                  request",
+                told_share(*share, 0)
+            ),
+            Self::PvLate { share, late_s } => write!(
+                out,
+                "read apart: OP answers a PV that is recorded about {} s later, in {} of the record: stamp PV when the controller reads \
+                 it",
+                figures(*late_s),
                 told_share(*share, 0)
             ),
             Self::Compressed { kind, share } => told_compressed(out, *kind, *share),
@@ -305,8 +320,8 @@ fn told_compressed(out: &mut fmt::Formatter<'_>, kind: HistoryKind, share: f64) 
         HistoryKind::Interpolated => {
             return write!(
                 out,
-                "compressed: an archive drew straight lines between the few samples it kept, and {share} of PV was not measured: export \
-                 raw values, and keep OP and PV without compression"
+                "compressed: an archive drew straight lines between the few samples it kept, and at least {share} of PV was not \
+                 measured: export raw values, and keep OP and PV without compression"
             );
         }
         HistoryKind::Exception => (

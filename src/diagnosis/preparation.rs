@@ -1,6 +1,6 @@
 //! How a record became the window that is fitted: what the gate and the preparation note for the report.
 
-use super::acquisition::{Acquisition, Apart, Carried, ReadingLimits};
+use super::acquisition::{Acquisition, Apart, Carried, Later, ReadingLimits};
 use super::history_kind::{HistoryFound, HistoryKind};
 use super::not_identifiable::NotIdentifiable;
 
@@ -46,12 +46,25 @@ pub struct Preparation {
 }
 
 impl Preparation {
-    /// The reason [`NotIdentifiable::ReadApart`] where OP and PV of too many rows were read apart, and
-    /// [`NotIdentifiable::Compressed`] where that is an archive's doing, or where it drew lines.
+    /// The reason [`NotIdentifiable::ReadApart`] where OP and PV of too many rows were read apart, [`NotIdentifiable::Compressed`] where
+    /// that is an archive's doing or where it drew lines, or [`NotIdentifiable::PvLate`] where OP answers a PV that is recorded later.
     ///
     /// Such a record cannot say that a valve does not stick, nor bound f: what the controller did in between explains PV without
     /// any stem, so that a bound would be too low.
     pub fn apart(&self) -> Option<NotIdentifiable> {
+        let by_values = || {
+            let Later { share, rows } = self.read_apart.later;
+            let is_often = share > self.reading.most_read_apart;
+            let is_far = rows >= self.reading.apart * self.decimation.max(1) as f64;
+            // A fitted row is `decimation` rows.
+            let late_s = rows * self.ts / self.decimation.max(1) as f64;
+            (is_often && is_far).then_some(NotIdentifiable::PvLate { share, late_s })
+        };
+        self.apart_by_stamps().or_else(by_values)
+    }
+
+    /// [`Self::apart`], as far as the stamps tell.
+    pub fn apart_by_stamps(&self) -> Option<NotIdentifiable> {
         let Apart { share, .. } = self.read_apart;
         let is_too_far = self.is_drawn() || self.read_apart.is_too_far(self.decimation, self.reading);
         is_too_far.then_some(self.by_archive(NotIdentifiable::ReadApart { share }))
@@ -62,22 +75,19 @@ impl Preparation {
         self.history.as_ref().is_some_and(|found| found.kind == HistoryKind::Interpolated)
     }
 
-    /// The reason why a record cannot be judged: [`NotIdentifiable::Compressed`] where it is what an archive left out. Other polls or
-    /// another connection would not help then.
+    /// The reason why a record cannot be judged: [`NotIdentifiable::Compressed`] in place of missing samples that an archive left out.
+    /// Other polls or another connection would not bring them back.
     pub fn by_archive(&self, reason: NotIdentifiable) -> NotIdentifiable {
-        let Some(found) = &self.history else { return reason };
-        match (&reason, found.kind) {
-            (
-                NotIdentifiable::Gaps { .. }
-                | NotIdentifiable::TooShort { .. }
-                | NotIdentifiable::ReadApart { .. },
-                kind @ HistoryKind::Interpolated,
-            ) => NotIdentifiable::Compressed { kind, share: found.evidence[0] },
-            (
-                NotIdentifiable::Gaps { share } | NotIdentifiable::ReadApart { share },
-                kind @ (HistoryKind::Exception | HistoryKind::SwingingDoor),
-            ) => NotIdentifiable::Compressed { kind, share: *share },
-            _ => reason,
+        let Some(HistoryFound { kind, evidence, .. }) = self.history.as_deref().copied() else {
+            return reason;
+        };
+        let (NotIdentifiable::Gaps { share } | NotIdentifiable::ReadApart { share }) = reason else {
+            return reason;
+        };
+        match kind {
+            HistoryKind::Interpolated => NotIdentifiable::Compressed { kind, share: evidence[0] },
+            HistoryKind::Exception | HistoryKind::SwingingDoor => NotIdentifiable::Compressed { kind, share },
+            HistoryKind::Held | HistoryKind::Averaged => reason,
         }
     }
 

@@ -10,7 +10,6 @@ use super::evidence::{Evidence, STEADY, interval, weigh};
 use super::friction::{largest_reversal, reversals, srinivasan, stick_slip};
 use super::gate::{self, Gated};
 use super::grid::GRID;
-use super::history_kind::HistoryKind;
 use super::not_identifiable::{LEAST_EXTREMA, NotIdentifiable};
 use super::preparation::Preparation;
 use super::prepare::prepare;
@@ -59,14 +58,7 @@ fn with_history(mut found: Diagnosis) -> Diagnosis {
 pub fn of_archive(preparation: &Preparation, verdict: &Verdict) -> String {
     let is_reason = matches!(verdict, Verdict::NotIdentifiable(NotIdentifiable::Compressed { .. }));
     let Some(history) = preparation.history.as_ref().filter(|_| !is_reason) else { return String::new() };
-    let effect = match history.kind {
-        HistoryKind::Interpolated => "only the ends of straight lines were measured, and only they count",
-        HistoryKind::SwingingDoor => "small movements are lost, and f may be wrong",
-        HistoryKind::Exception | HistoryKind::Held | HistoryKind::Averaged => {
-            "f reads low, and sticking may go unseen"
-        }
-    };
-    format!("; the data is not raw ({}): {effect}", history.kind.as_str())
+    format!("; the data is not raw ({}): {}", history.kind.as_str(), history.kind.effect())
 }
 
 /// The end of a reason of `no_stiction`: the largest f that the record could hide.

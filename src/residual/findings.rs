@@ -428,6 +428,7 @@ impl Findings {
                         | StemNotFollowed
                         | ReadApart { .. }
                         | Compressed { .. }
+                        | PvLate { .. }
                         | Compensated
                 )
             }

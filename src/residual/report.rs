@@ -5,7 +5,7 @@
 //! and that of a fault of the data in [`super::data_quality`].
 
 use super::checks;
-use super::data_quality::Fact;
+use super::data_quality::{Fact, of_gate};
 use super::detectable::detectable;
 use super::effect::EffectModel;
 use super::findings::{Curves, Described, Effect, Evidence, Findings, Kind, Lasting, Structure, Traced};
@@ -71,8 +71,8 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> R
         mut best,
         facts,
         mut added,
-        rejected,
-        candidates,
+        mut rejected,
+        mut candidates,
         friction_log_odds,
         slip_jump,
     } = outcome;
@@ -100,7 +100,10 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> R
         after = validate(&data, &best, &data);
     }
     // Where OP and PV of a row were read at different times, the least f that would have shown is not known.
-    let read_together = diagnosis.preparation.apart().is_none();
+    let read_together =
+        Question { data: &data, best: &best, log_odds: friction_log_odds, diagnosis, settings }
+            .apart()
+            .is_none();
     let fast = diagnosis.preparation.unseen_moves();
     let shown = || detectable(&data, &best, settings.evidence_threshold, fast);
     let f_detectable = answer.bound(&data, read_together.then(shown).flatten());
@@ -116,10 +119,17 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> R
     let structure = structure(&data, &best.hypothesis, &facts).filter(|_| undisputed);
     let structure = structure.map(|found| Structure { asked: answer.asked, failed: failed.clone(), ..found });
     let slip_jump = answer.tells_stiction().then_some(slip_jump);
-    let effects = effects(&data, &best, facts, added, slip_jump);
-    // No model of rows describes such a record, so nothing is named that explains its PV.
-    let (effects, rejected, candidates) =
-        if is_of_no_row(&answer.verdict) { Default::default() } else { (effects, rejected, candidates) };
+    let late_s = diagnosis.preparation.acquisition.as_ref().map_or(0.0, |found| found.pv_late_s);
+    let of_gate = of_gate(late_s, data.units.ts);
+    let facts: Vec<Fact> = of_gate.into_iter().chain(facts).collect();
+    let of_samples = facts.len();
+    let mut effects = effects(&data, &best, facts, added, slip_jump);
+    if is_of_no_row(&answer.verdict) {
+        // No model of rows describes such a record. What is wrong with its samples is told all the same.
+        effects.truncate(of_samples);
+        rejected.clear();
+        candidates.clear();
+    }
     let archive = of_archive(&diagnosis.preparation, &answer.verdict);
     let findings = Findings {
         traced: traced(&data),

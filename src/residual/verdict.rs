@@ -81,7 +81,26 @@ impl Question<'_> {
         if answer.verdict == Verdict::NoStiction && self.settings.compensated > 0.0 {
             answer.cannot_tell(NotIdentifiable::Compensated);
         }
+        if let Some(apart) = self.apart().filter(|_| answer.verdict == Verdict::NoStiction) {
+            answer.cannot_tell(apart);
+        }
         answer
+    }
+
+    /// The reason why the record cannot say no, where OP and PV of a row are not of one time.
+    ///
+    /// Where a late PV was moved back here, the moved record tells whether OP still answers a later PV.
+    pub fn apart(&self) -> Option<NotIdentifiable> {
+        let prepared = &self.diagnosis.preparation;
+        let Some(moved) = self.data.pv_moved else { return prepared.apart() };
+        let still_late = NotIdentifiable::PvLate { share: 1.0, late_s: moved.late_s };
+        prepared.apart_by_stamps().or((!moved.is_right).then_some(still_late))
+    }
+
+    /// Whether a late PV was the reason, and it was moved back here.
+    fn is_repaired(&self, why: &NotIdentifiable) -> bool {
+        matches!(why, NotIdentifiable::PvLate { .. })
+            && self.data.pv_moved.is_some_and(|moved| moved.is_right)
     }
 
     /// Friction beside the effects, the verdict on it, and its sentence. `agrees` as in [`Question::answer`].
@@ -90,7 +109,7 @@ impl Question<'_> {
         let unit = data.units.u;
         let evidence = 2.0 * log_odds;
         let f = best.hypothesis.valve.map_or(0.0, |valve| valve.f() * unit);
-        let apart = diagnosis.preparation.apart();
+        let apart = self.apart();
         let fast = diagnosis.preparation.unseen_moves();
         let mut within = interval(data, &best.hypothesis, fast).map(|f| f * unit);
         let is_significant = evidence > settings.evidence_threshold && within[0] > 0.0;
@@ -100,7 +119,7 @@ impl Question<'_> {
             unanswered @ Verdict::NotIdentifiable(NotIdentifiable::NoResponse) => unanswered.clone(),
             _ if sticks && pv_follows_stem(data, best) => Verdict::Stiction,
             _ if sticks => Verdict::NotIdentifiable(NotIdentifiable::StemNotFollowed),
-            Verdict::NotIdentifiable(why) => Verdict::NotIdentifiable(why.clone()),
+            Verdict::NotIdentifiable(why) if !self.is_repaired(why) => Verdict::NotIdentifiable(why.clone()),
             // A term of write-back moves the valve at once, so that its friction does not show.
             _ if settings.compensated > 0.0 => Verdict::NotIdentifiable(NotIdentifiable::Compensated),
             _ if has_positive_feedback(data, &best.model) => {

@@ -24,8 +24,8 @@ pub(super) fn window_of(gated: &Gated, diagnosis: &Diagnosis) -> Option<Window> 
     if let Verdict::NotIdentifiable(TsTooShort { .. } | Undersampled { .. }) = &diagnosis.verdict {
         return None;
     }
-    // The ends of lines that an archive drew are the samples that it found worth keeping: they tell of friction that shows at once, and
-    // of nothing else.
+    // An archive that drew lines chose their ends, and nothing else was measured. They may show friction, and are not enough for any
+    // other effect.
     if diagnosis.preparation.is_drawn() && diagnosis.verdict != Verdict::Stiction {
         return None;
     }

@@ -46,8 +46,21 @@ pub struct IdData {
     pub f_max: f64,
     /// Least scale of the errors (standard deviations of PV): that of rounding PV to its steps; 0 where PV has none.
     pub least_scale: f64,
+    /// How a PV that was recorded late was moved back in this record; `None` where it was not.
+    pub pv_moved: Option<PvMoved>,
     /// Means and standard deviations, to convert back to the plant's units.
     pub units: Units,
+}
+
+/// How a PV that was recorded late was moved back.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PvMoved {
+    /// The time by which it was recorded late at most (s).
+    pub late_s: f64,
+    /// Whether OP follows exactly from the moved PV of its row and before. Else OP may still tell of a PV that is to come.
+    pub is_right: bool,
+    /// Whether it may be later than any lateness that was tried.
+    pub perhaps_later: bool,
 }
 
 /// Means and scales of a normalised window.
@@ -117,6 +130,7 @@ impl IdData {
             split,
             f_max: largest_reversal(&u, start),
             least_scale: 0.0,
+            pv_moved: None,
             units,
             u,
         })

@@ -11,6 +11,7 @@
 //! | the distribution of the errors: Student's t | [`student`] |
 //! | the model selection criterion: the penalty of a coefficient, a threshold, a change time, a frequency | [`criterion`] |
 //! | the sign of the process gain | [`gain_sign`] |
+//! | the equation of the controller: whether it holds but for rounding | [`controller`] |
 //! | whether PV follows the stem or OP | [`encompass`] |
 //! | Gram matrices, Cholesky factors, regressions with t values | [`gram`], [`least_squares`], [`ols`] |
 //! | zeros of a polynomial, and how they are kept inside a circle | [`zeros`] |
@@ -23,6 +24,7 @@
 
 pub mod armax;
 pub mod arx;
+pub mod controller;
 pub mod criterion;
 pub mod encompass;
 pub mod gain_sign;

@@ -19,6 +19,8 @@ pub struct Judged {
     pub weighed: Vec<(Kind, Evidence, String)>,
     /// The kinds at the last step, none among them, with their posteriors.
     pub candidates: Vec<(Option<Kind>, f64)>,
+    /// Whether the record was traced.
+    pub is_traced: bool,
     /// Effects that are there beside the one asked for.
     pub also: Vec<Kind>,
     /// Whether a fit that is told the effect and the true friction names it, among whatever else it names; asked of every effect,
@@ -162,6 +164,7 @@ pub fn judge(generator: &Generator, case: &Case, told: bool) -> Judged {
         numbers: found.iter().flat_map(|f| &f.effects).map(numbers).collect(),
         weighed: found.as_ref().map(weighed).unwrap_or_default(),
         candidates: found.as_ref().map(|f| f.candidates.clone()).unwrap_or_default(),
+        is_traced: found.is_some(),
         also: truth.also,
         identifiable: None,
         sticks: *after == Verdict::Stiction,

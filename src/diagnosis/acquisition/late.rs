@@ -4,6 +4,7 @@
 //! ```text
 //! controller:  OP[k] - OP[k-1] = b0 PV[k+L] + b1 PV[k+L-1] + b2 PV[k+L-2] + c0 SP[k] + c1 SP[k-1] + d
 //! process:     OP[k]           = b0 PV[k+L] + b1 PV[k+L-1] + b2 PV[k+L-2] + d
+//! with a load: OP[k] - OP[k-1] = b0 dPV[k+L] + b1 dPV[k+L-1] + b2 dPV[k+L-2] + b3 dPV[k+L-3] + d
 //! ```
 //!
 //! * A controller with an integrator computes the moves of OP from PV and set point of its own scans. Where the tags were read
@@ -12,33 +13,32 @@
 //!   explain everything, and call any valve sound.
 //! * A fast process really causes PV a row later. The equation of the process holds for it, by its steady gain, and not for a
 //!   controller, whose OP is a sum over all of PV's past.
+//! * Beside a slow load that equation leaves the load, which is large. Its differences hold then (`dPV[k] = PV[k] - PV[k-1]`): they
+//!   leave only the moves of the load. A controller has an integrator, whose moves follow from the value of PV and not from its
+//!   differences.
 //! * Where the equation of the controller holds almost exactly, and not without the newest PV, both values of a row are of one
 //!   scan.
 //!   It does not matter when they were read, because registers are held.
 
+use crate::sysid::controller::{
+    EXACT, LAGS, LONGEST, MARGIN, in_differences, of_values, resolution, rounding,
+};
 use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, substitute};
-use crate::sysid::stats::{mean, quantile};
+use crate::sysid::stats::mean;
 
-/// Largest L that is tried (rows).
-const LATEST: usize = 3;
 /// Fewest rows at which OP moves.
-const LEAST_ROWS: usize = 100;
+pub(super) const LEAST_ROWS: usize = 100;
 /// Largest share that the controller with a late PV may leave of OP's moves, and of what L - 1 and the process leave; and the share
 /// of OP's moves that PV of one row alone must explain, so that OP shows from which row it was computed.
-const QUARTER: f64 = 0.25;
+pub(super) const QUARTER: f64 = 0.25;
 /// Share of OP's moves below which an equation holds: where L - 1 or the process leaves no more, PV is not late; where the
 /// controller leaves no more, nothing else moved OP.
-const EXPLAINED: f64 = 1e-3;
-
-/// Largest share of OP's moves that the controller leaves where it computed OP from PV: the rounding of OP leaves a hundredth where
-/// a usual move is four of its last digits, 1/6 of a squared digit of 16.
-const COMPUTED: f64 = 0.01;
-/// Share of the rows at which the controller's equation has to hold to the last digit: a limit of OP, or a set point that was
-/// changed between two scans, may break it at the others.
-const USUAL: f64 = 0.9;
+pub(super) const EXPLAINED: f64 = 1e-3;
+/// Differences of PV by which the process beside a load is told: those of a second order, and one more.
+pub(super) const DIFFERENCES: usize = 4;
 
 /// One tag on rows; `None` where it is missing.
-type Rows<'a> = &'a [Option<f64>];
+pub(super) type Rows<'a> = &'a [Option<f64>];
 
 /// From which PV the controller computed OP.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -55,15 +55,18 @@ pub struct Answer {
 /// * `op`, `pv`, `sp`: one value for each row, in any units; `None` where a row has none. `op` is without the term of write-back.
 pub fn answer(op: Rows, pv: Rows, sp: Option<Rows>) -> Answer {
     let all: Vec<Option<Unexplained>> =
-        (0..LATEST + 2).map(|newest| unexplained(op, pv, sp, newest)).collect();
+        (0..LONGEST + 2).map(|newest| unexplained(op, pv, sp, newest)).collect();
+    let section = Section::of(op, pv, sp).between(DIFFERENCES, op.len().saturating_sub(LONGEST));
     // What is left with PV so many rows late, and what is left with one row less.
     let at = |late: usize| Some((all[late + 1].as_ref()?, all[late].as_ref()?));
     let known = |late: usize| {
         let (own, before) = at(late)?;
         let others = before.by_controller.min(own.by_process).min(1.0);
-        (others > EXPLAINED && own.by_controller < QUARTER * others).then_some((late, own.by_controller))
+        let is_told = others > EXPLAINED && own.by_controller < QUARTER * others;
+        let is_controller = || own.by_controller < QUARTER * own.beside_load || section.is_exact(late);
+        (is_told && is_controller()).then_some((late, own.by_controller))
     };
-    let best = (1..=LATEST).filter_map(known).min_by(|a, b| a.1.total_cmp(&b.1));
+    let best = (1..=LONGEST).filter_map(known).min_by(|a, b| a.1.total_cmp(&b.1));
     let pv_late = best.map_or(0, |(late, _)| late);
     // A smooth PV follows from the rows before and after, whenever it was read. So PV of this row must add to what they explain.
     let matters = at(pv_late).is_some_and(|(_, before)| before.by_controller > QUARTER);
@@ -71,141 +74,154 @@ pub fn answer(op: Rows, pv: Rows, sp: Option<Rows>) -> Answer {
     Answer { pv_late, of_one_scan }
 }
 
-/// Whether the controller computed OP from these values of PV: for some L its equation holds to the rounding of the values. `None`
-/// where OP does not tell, because it moves at too few rows or has too few digits.
-///
-/// PV that an archive drew is not what the controller read, so that its equation leaves more than rounding.
-///
-/// * `span`: number of rows over which the equation is summed: over more of them OP moves further, and is rounded as ever.
-/// * `rounding`: the last digit of OP, and of PV.
-pub fn is_computed(
-    op: Rows,
-    pv: Rows,
-    sp: Option<Rows>,
-    span: usize,
-    [op_unit, pv_unit]: [f64; 2],
-) -> Option<bool> {
-    let mut told = None;
-    for newest in 0..LATEST + 2 {
-        let (mut columns, mut moves) = (vec![Vec::new(); COLUMNS], Vec::new());
-        let rows: Vec<Option<Equation>> = all_rows(op).map(|k| equation(op, pv, sp, newest, k)).collect();
-        for rows in rows.windows(span.max(1)) {
-            let Some(summed) = rows.iter().copied().sum::<Option<Equation>>().filter(|own| own.travel > 0.0)
-            else {
-                continue;
-            };
-            moves.push(summed.moved);
-            columns.iter_mut().zip(summed.columns).for_each(|(column, value)| column.push(value));
-        }
-        if moves.len() < LEAST_ROWS {
-            continue;
-        }
-        columns.iter_mut().chain([&mut moves]).for_each(|column| centred(column));
-        let most = COMPUTED * dot(&moves, &moves);
-        let (theta, rest) = fitted(&columns, &moves);
-        // Two values of OP are rounded, of PV two in its move, and all in its sum.
-        let of_pv = theta[1].abs() + theta[0].abs() * (span as f64).sqrt();
-        let rounding = op_unit + of_pv * pv_unit;
-        // By half a digit each, so that a square is 1/12.
-        if moves.len() as f64 * rounding * rounding / 6.0 > most {
-            continue;
-        }
-        // One change of set point has more power than all the rows at which PV was drawn, so that the usual row has to hold as well.
-        let sizes: Vec<f64> = rest.iter().map(|rest| rest.abs()).collect();
-        if dot(&rest, &rest) <= most && quantile(&sizes, USUAL) <= rounding {
-            return Some(true);
-        }
-        told = Some(false);
-    }
-    told
-}
-
 /// The sum of squares that each equation leaves, as a share of that of OP's moves.
 struct Unexplained {
     by_controller: f64,
     by_process: f64,
-}
-
-/// Columns of an equation: PV, its first and second difference, set point, and its change.
-const COLUMNS: usize = 5;
-
-/// Both equations of one row, or their sums over several.
-#[derive(Clone, Copy, Default)]
-struct Equation {
-    /// See [`COLUMNS`].
-    columns: [f64; COLUMNS],
-    /// OP.
-    op: f64,
-    /// The move of OP.
-    moved: f64,
-    /// The size of that move.
-    travel: f64,
-}
-
-impl std::iter::Sum for Equation {
-    fn sum<I: Iterator<Item = Self>>(rows: I) -> Self {
-        rows.fold(Self::default(), |sum, row| Self {
-            columns: std::array::from_fn(|i| sum.columns[i] + row.columns[i]),
-            op: sum.op + row.op,
-            moved: sum.moved + row.moved,
-            travel: sum.travel + row.travel,
-        })
-    }
-}
-
-/// The rows for which an equation can be asked: the same for every `newest`, so that the shares compare.
-fn all_rows(op: Rows) -> std::ops::Range<usize> {
-    3..op.len().saturating_sub(LATEST)
-}
-
-/// The equations of row `k`; `None` where a value is missing.
-///
-/// * `newest`: L + 1, so that 1 is PV of OP's own row, and 0 PV of the rows before it alone.
-fn equation(op: Rows, pv: Rows, sp: Option<Rows>, newest: usize, k: usize) -> Option<Equation> {
-    let own = op[k]?;
-    let pv = [pv[k + newest - 1]?, pv[k + newest - 2]?, pv[k + newest - 3]?];
-    let sp = match sp {
-        Some(sp) => [sp[k]?, sp[k - 1]?],
-        None => [0.0; 2],
-    };
-    // Differences of neighbours, because the values themselves are nearly collinear.
-    let columns = [pv[0], pv[0] - pv[1], pv[0] - 2.0 * pv[1] + pv[2], sp[0], sp[0] - sp[1]];
-    let moved = own - op[k - 1]?;
-    Some(Equation { columns, op: own, moved, travel: moved.abs() })
+    /// By the process beside a slow load.
+    beside_load: f64,
 }
 
 /// What both equations leave of OP; `None` where OP moves at fewer than [`LEAST_ROWS`] rows. Rows at which OP does not move are
 /// left out, because it may be at a limit or in a dead band.
 ///
-/// * `newest`: see [`equation`].
+/// * `newest`: L + 1, so that 1 is PV of OP's own row, and 0 PV of the rows before it alone.
 fn unexplained(op: Rows, pv: Rows, sp: Option<Rows>, newest: usize) -> Option<Unexplained> {
-    let (mut columns, mut outputs, mut moves) = (vec![Vec::new(); COLUMNS], Vec::new(), Vec::new());
-    for k in all_rows(op) {
-        let Some(row) = equation(op, pv, sp, newest, k).filter(|row| row.moved != 0.0) else { continue };
-        outputs.push(row.op);
-        moves.push(row.moved);
-        columns.iter_mut().zip(row.columns).for_each(|(column, value)| column.push(value));
+    // The same rows for every `newest`, so that the shares compare.
+    let rows = DIFFERENCES + 1..op.len().checked_sub(LONGEST)?;
+    let (mut columns, mut outputs, mut moves) = (vec![Vec::new(); 5], Vec::new(), Vec::new());
+    let mut differences = vec![Vec::new(); DIFFERENCES];
+    for k in rows {
+        let all = || {
+            let own = op[k]?;
+            let before = pv.get(k + newest - 1 - DIFFERENCES..k + newest)?;
+            let mut of_pv = [0.0; DIFFERENCES + 1];
+            for (own, value) in of_pv.iter_mut().zip(before.iter().rev()) {
+                *own = (*value)?;
+            }
+            let [value, slope, bend] = in_differences([of_pv[0], of_pv[1], of_pv[2]]);
+            let sp = match sp {
+                Some(sp) => [sp[k]?, sp[k - 1]?],
+                None => [0.0; 2],
+            };
+            let row = [value, slope, bend, sp[0], sp[0] - sp[1]];
+            Some((own, own - op[k - 1]?, row, of_pv))
+        };
+        let Some((own, moved, row, of_pv)) = all().filter(|own| own.1 != 0.0) else { continue };
+        differences.iter_mut().zip(of_pv.windows(2)).for_each(|(column, two)| column.push(two[0] - two[1]));
+        outputs.push(own);
+        moves.push(moved);
+        columns.iter_mut().zip(row).for_each(|(column, value)| column.push(value));
     }
     let power = dot(&moves, &moves);
     if moves.len() < LEAST_ROWS || power.is_nan() || power <= 0.0 {
         return None;
     }
-    columns.iter_mut().chain([&mut moves, &mut outputs]).for_each(|column| centred(column));
+    columns.iter_mut().chain(&mut differences).chain([&mut moves, &mut outputs]).for_each(|one| centred(one));
     let share = |columns: &[Vec<f64>], y: &[f64]| {
-        let (_, rest) = fitted(columns, y);
+        let (rest, _) = regression(columns, y);
         dot(&rest, &rest) / power
     };
-    Some(Unexplained { by_controller: share(&columns, &moves), by_process: share(&columns[..3], &outputs) })
+    Some(Unexplained {
+        by_controller: share(&columns, &moves),
+        by_process: share(&columns[..3], &outputs),
+        beside_load: share(&differences, &moves),
+    })
+}
+
+/// Some rows of a record, to which the equation of the controller is fitted with its filter.
+#[derive(Clone, Copy)]
+pub(super) struct Section<'a> {
+    pub(super) op: Rows<'a>,
+    pv: Rows<'a>,
+    sp: Option<Rows<'a>>,
+    /// The steps in which OP and PV are written.
+    steps: [f64; 2],
+    /// The first row, and the one behind the last.
+    rows: [usize; 2],
+}
+
+impl<'a> Section<'a> {
+    /// All rows of a record.
+    pub(super) fn of(op: Rows<'a>, pv: Rows<'a>, sp: Option<Rows<'a>>) -> Self {
+        let measured = |rows: Rows| rows.iter().copied().flatten().collect::<Vec<f64>>();
+        let steps = [op, pv].map(|rows| resolution(&measured(rows)));
+        Self { op, pv, sp, steps, rows: [0, op.len()] }
+    }
+
+    /// The rows from `from` on, before `to`. OP has all of them.
+    pub(super) fn between(self, from: usize, to: usize) -> Self {
+        Self { rows: [from, to], ..self }
+    }
+
+    /// The rows at which OP moves and all of these are there, as columns: the first is the target. `None` where they are fewer than
+    /// [`LEAST_ROWS`].
+    pub(super) fn columns(&self, of: impl Fn(usize) -> Option<Vec<f64>>) -> Option<Vec<Vec<f64>>> {
+        let [from, to] = self.rows;
+        let mut columns: Vec<Vec<f64>> = Vec::new();
+        for k in from.max(LAGS[1] + 1)..to {
+            let Some(row) = self.change(k).filter(|change| *change != 0.0).and_then(|_| of(k)) else {
+                continue;
+            };
+            columns.resize(row.len(), Vec::new());
+            columns.iter_mut().zip(row).for_each(|(column, value)| column.push(value));
+        }
+        (columns.first()?.len() >= LEAST_ROWS).then_some(columns)
+    }
+
+    /// The change of OP to row `k`.
+    pub(super) fn change(&self, k: usize) -> Option<f64> {
+        Some(self.op[k]? - self.op[k.checked_sub(1)?]?)
+    }
+
+    /// PV `late` rows after row `k`.
+    pub(super) fn pv(&self, k: usize, late: i64) -> Option<f64> {
+        *self.pv.get(usize::try_from(k as i64 + late).ok()?)?
+    }
+
+    /// The columns of the controller's equation, with PV from `late` rows later on, and with so many earlier changes of OP.
+    pub(super) fn of_controller(&self, late: i64, moves: usize) -> Option<Vec<Vec<f64>>> {
+        self.columns(|k| {
+            let mut row = vec![self.change(k)?];
+            row.extend(in_differences([self.pv(k, late)?, self.pv(k, late - 1)?, self.pv(k, late - 2)?]));
+            for lag in 1..=moves {
+                row.push(self.change(k - lag)?);
+            }
+            if let Some(sp) = self.sp {
+                let sp = [sp[k]?, sp[k - 1]?, sp[k - 2]?];
+                row.extend([sp[0], sp[0] - sp[1], sp[1] - sp[2]]);
+            }
+            Some(row)
+        })
+    }
+
+    /// The standard deviation of the controller's errors that rounding explains, by the coefficients of these columns.
+    pub(super) fn rounding(&self, theta: &[f64], moves: usize) -> f64 {
+        let g = of_values([theta[0], theta[1], theta[2]]);
+        rounding(self.steps, &g, &theta[LAGS[0]..LAGS[0] + moves])
+    }
+
+    /// Whether the controller with PV so many rows late leaves no more than rounding. Such an equation is no process, also where its
+    /// integrator does not show beside noise.
+    fn is_exact(&self, late: usize) -> bool {
+        let Some(mut columns) = self.of_controller(late as i64, LAGS[1]) else { return false };
+        columns.iter_mut().for_each(|column| centred(column));
+        let (target, others) = columns.split_at(1);
+        let (rest, theta) = regression(others, &target[0]);
+        let scale = |v: &[f64]| (dot(v, v) / v.len() as f64).sqrt();
+        let of_rounding = MARGIN * self.rounding(&theta, LAGS[1]);
+        scale(&rest) <= of_rounding.max(EXACT * scale(&target[0]))
+    }
 }
 
 /// Subtracts the mean.
-fn centred(column: &mut [f64]) {
+pub(super) fn centred(column: &mut [f64]) {
     let middle = mean(column);
     column.iter_mut().for_each(|value| *value -= middle);
 }
 
-/// The coefficients of `y` by least squares on the columns, and its residual.
-fn fitted(columns: &[Vec<f64>], y: &[f64]) -> (Vec<f64>, Vec<f64>) {
+/// The residual of `y` by least squares on the columns, and their coefficients.
+pub(super) fn regression(columns: &[Vec<f64>], y: &[f64]) -> (Vec<f64>, Vec<f64>) {
     let n = columns.len();
     let mut g: Vec<f64> = (0..n * n).map(|at| dot(&columns[at / n], &columns[at % n])).collect();
     let mut theta: Vec<f64> = columns.iter().map(|column| dot(column, y)).collect();
@@ -215,7 +231,7 @@ fn fitted(columns: &[Vec<f64>], y: &[f64]) -> (Vec<f64>, Vec<f64>) {
     let explained =
         |k: usize| columns.iter().zip(&theta).map(|(column, theta)| theta * column[k]).sum::<f64>();
     let rest = (0..y.len()).map(|k| y[k] - explained(k)).collect();
-    (theta, rest)
+    (rest, theta)
 }
 
 #[cfg(test)]
@@ -279,7 +295,7 @@ mod tests {
             for k in (5..600).step_by(17) {
                 pv[k] = None;
             }
-            for rows in 0..=LATEST {
+            for rows in (0..=4).chain([8, LONGEST]) {
                 assert_eq!(rows_late(&op, &later(&pv, rows), None), rows, "seed {seed}");
             }
             // OP that is late makes the dead time longer, and nothing else.
@@ -303,10 +319,54 @@ mod tests {
                 Some(y + noise * rng.random_range(-1.0..1.0))
             };
             let pv: Vec<Option<f64>> = u.iter().map(&mut follows).collect();
-            for delay in 1..=LATEST {
+            for delay in 1..=LONGEST {
                 assert_eq!(rows_late(&u, &later(&pv, delay), None), 0, "{pole} {zero} {noise} {delay}");
             }
             assert!(!answer(&u, &pv, None).of_one_scan, "{pole} {zero} {noise}");
+        }
+    }
+
+    #[test]
+    fn a_fast_process_beside_a_slow_load_is_not_the_controller() {
+        // The set point moves OP and is not recorded, so that the equation of the controller does not hold.
+        for (seed, pole, delay) in [(1, 0.3, 0), (2, 0.8, 2), (3, 0.5, 6)] {
+            let mut rng = Pcg64Mcg::seed_from_u64(seed);
+            let mut draw = || rng.random_range(-1.0..1.0);
+            let (mut x, mut load, mut target, mut integral) = (0.0, 0.0, 0.0, 0.0);
+            let (mut op, mut pv) = (Vec::new(), Vec::new());
+            for k in 0..2000 {
+                let seen: f64 = x + 0.005 * draw();
+                target = 0.9 * target + 0.5 * draw();
+                load = 0.995 * load + 0.1 * draw();
+                integral += 0.1 * (target - seen);
+                op.push(Some(0.5 * (target - seen) + integral));
+                pv.push(Some(seen));
+                let acts: Option<f64> = if k >= delay { op[k - delay] } else { None };
+                x = pole * x + (1.0 - pole) * (acts.unwrap_or(0.0) + load);
+            }
+            assert_eq!(rows_late(&op, &pv, None), 0, "{seed}");
+        }
+    }
+
+    #[test]
+    fn a_late_pv_of_a_controller_whose_integrator_hardly_shows_is_known() {
+        // The derivative of a noisy PV moves OP far more than the integrator, and both tags are rounded.
+        let mut rng = Pcg64Mcg::seed_from_u64(5);
+        let (mut slow, mut integral, mut x, mut load) = (0.0, 0.0, 0.0, 0.0);
+        let (mut op, mut pv) = (Vec::new(), Vec::new());
+        let rounded = |value: f64| Some((value * 100.0).round() / 100.0);
+        for _ in 0..2000 {
+            let seen = x + rng.random_range(-0.2..0.2);
+            slow += (seen - slow) / 1.8;
+            integral -= 0.05 * seen;
+            let own = -0.8 * seen + integral - 2.5 * (seen - slow);
+            op.push(rounded(40.0 + own));
+            pv.push(rounded(50.0 + seen));
+            load = 0.995 * load + rng.random_range(-0.2..0.2);
+            x = 0.9 * x + 0.1 * (own + load);
+        }
+        for rows in [0, 1, 3, 6] {
+            assert_eq!(rows_late(&op, &later(&pv, rows), None), rows);
         }
     }
 

@@ -11,15 +11,20 @@
 //! | the period and the phase of the controller's scans | `scan.rs` |
 //! | which sample gives the value of a row; how far apart OP and PV were read | `place.rs` |
 //! | by how many rows PV is recorded late | `late.rs` |
+//! | whether OP answers a PV that is recorded later, at stamps that no move puts right | `later.rs` |
+//! | whether OP was computed from PV, or PV was drawn | `computed.rs` |
 //! | limits | `limits.rs` |
 
+pub(super) mod computed;
 mod late;
-mod lattice;
+mod later;
+pub(super) mod lattice;
 mod limits;
 mod place;
 mod scan;
 
-pub use late::{Answer, answer, is_computed};
+pub use late::{Answer, answer};
+pub use later::Later;
 pub use lattice::period;
 pub use limits::ReadingLimits;
 pub use place::{Apart, Carried, Placed};

@@ -1,5 +1,6 @@
 //! The assignment of samples to rows: which sample gives the value of a row, and how far apart OP and PV of a row were read.
 
+use super::later::Later;
 use super::lattice::{Lattice, period, reports_changes, scan_of_steps};
 use super::limits::ReadingLimits;
 use super::scan::Scan;
@@ -19,6 +20,8 @@ pub struct Apart {
     pub share: f64,
     /// The distance (rows) that is reached by a share [`ReadingLimits::most_read_apart`] of the rows.
     pub rows: f64,
+    /// How much later a PV is recorded that OP answers, whatever the stamps say.
+    pub later: Later,
 }
 
 impl Apart {
@@ -193,7 +196,8 @@ impl Placed {
         rows.sort_by(f64::total_cmp);
         let apart = rows.len() - rows.partition_point(|rows| *rows < self.limits.apart);
         let most = ((1.0 - self.limits.most_read_apart) * rows.len() as f64) as usize;
-        Apart { share: apart as f64 / rows.len().max(1) as f64, rows: rows.get(most).copied().unwrap_or(0.0) }
+        let share = apart as f64 / rows.len().max(1) as f64;
+        Apart { share, rows: rows.get(most).copied().unwrap_or(0.0), later: Later::default() }
     }
 
     /// The row to which a sample at this time (s) belongs.

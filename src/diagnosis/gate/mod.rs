@@ -10,7 +10,7 @@ mod clean;
 mod refuse;
 mod stretches;
 
-use super::acquisition::{self, Acquisition, Answer, Placed};
+use super::acquisition::{self, Acquisition, Answer, Apart, Later, Placed};
 use super::history_kind::{HistoryKind, recognise_beside};
 use super::lines::Lines;
 use super::not_identifiable::NotIdentifiable;
@@ -42,7 +42,9 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
     let mut preparation = Preparation { decimation: 1, reading: settings.reading, ..Preparation::default() };
     let op = clean(&record.input(), Zero::DropOut, record.limits(), &mut preparation);
     let pv = clean(&record.pv, Zero::DropOut, None, &mut preparation);
-    preparation.history = recognise_beside(&op.kept, &pv.kept, record.sp.as_deref()).map(Box::new);
+    let without_term = |s: &Sample| Sample { value: s.value - record.term_at(s.t), ..*s };
+    let by_controller: Vec<Sample> = op.kept.iter().map(without_term).collect();
+    preparation.history = recognise_beside(&by_controller, &pv.kept, record.sp.as_deref()).map(Box::new);
     let need = settings.min_samples;
     let stop =
         |reason: NotIdentifiable, preparation: &Preparation| Err(Box::new((reason, preparation.clone())));
@@ -81,12 +83,14 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
     }
     let there = (within(op_kept, from, to), within(pv_kept, from, to));
     let (first, rows) = (placed.row_of(from) as i64, rows.max(0.0) as usize);
-    let answered = answer(record, &placed, there, first, rows);
+    let turns = in_turns(&placed, there, first, rows).map(|share| NotIdentifiable::ReadApart { share });
+    // Where the two were read in turns, a move of PV brings values of different times together.
+    let (answered, later) =
+        if turns.is_none() { answer(record, &placed, there, first, rows) } else { Default::default() };
     (placed.pv_late, placed.of_one_scan) = (answered.pv_late, answered.of_one_scan);
     let pv_late_s = placed.pv_late as f64 * ts;
     preparation.acquisition = Some(Box::new(Acquisition { pv_late_s, ..acquired }));
-    preparation.read_apart = placed.read_apart(there.0, there.1, first, rows);
-    let turns = in_turns(&placed, there, first, rows).map(|share| NotIdentifiable::ReadApart { share });
+    preparation.read_apart = Apart { later, ..placed.read_apart(there.0, there.1, first, rows) };
     let mut window = fill(record, &placed, there, first, rows);
     let n = window.len();
     preparation.gap_share = window.missing();
@@ -124,13 +128,13 @@ fn stretch_of_window(
     })
 }
 
-/// The samples that were measured of a tag on whose rows an archive drew lines: their ends; all where there are no such lines.
+/// The samples of a tag that were measured: the ends of the lines that an archive drew, or all where it drew none.
 fn measured(kept: &[Sample]) -> Vec<Sample> {
     let lines = Lines::of(kept).filter(Lines::look_drawn);
     lines.map_or_else(|| kept.to_vec(), |lines| lines.measured(kept))
 }
 
-/// The longest part of a stretch without a long hole between the samples that were measured (s); where there is none, its begin.
+/// The longest part of a stretch without a long hole between the measured samples of OP and of PV (s); its begin where there is none.
 fn known(stretch: (f64, f64), op: &[Sample], pv: &[Sample], ts: f64) -> (f64, f64) {
     let both = intersect(&runs(op, ts), &runs(pv, ts));
     longest_of(&intersect(&[stretch], &both)).unwrap_or((stretch.0, stretch.0))
@@ -206,15 +210,25 @@ fn not_automatic(stretches: &[(f64, f64)], modes: &Modes, least: f64) -> NotIden
     }
 }
 
-/// From which PV the controller computed OP ([`acquisition::answer`]), on the rows; OP is taken without the term of write-back.
-fn answer(record: &Record, placed: &Placed, (op, pv): (&[Sample], &[Sample]), from: i64, n: usize) -> Answer {
+/// From which PV the controller computed OP ([`acquisition::answer`]), on the rows, and whether OP answers a later PV once PV is moved
+/// back by that. OP is taken without the term of write-back.
+fn answer(
+    record: &Record,
+    placed: &Placed,
+    (op, pv): (&[Sample], &[Sample]),
+    from: i64,
+    n: usize,
+) -> (Answer, Later) {
     let own = |(k, value): (usize, Option<f64>)| {
         value.map(|value| value - record.term_at(placed.rows.time((from + k as i64) as f64)))
     };
     let op: Vec<Option<f64>> = placed.op(op, from, n).into_iter().enumerate().map(own).collect();
     let sp = record.sp.as_deref().and_then(|sp| set_point(sp, placed, from, &vec![false; n]));
     let sp: Option<Vec<Option<f64>>> = sp.map(|values| values.into_iter().map(Some).collect());
-    acquisition::answer(&op, &placed.pv(pv, from, n), sp.as_deref())
+    let pv = placed.pv(pv, from, n);
+    let found = acquisition::answer(&op, &pv, sp.as_deref());
+    let moved = found.pv_late.min(n);
+    (found, Later::of(&op, &pv[moved..], sp.as_deref()))
 }
 
 /// The window of `n` rows from row `from` on, without the missing rows at its ends.

@@ -161,9 +161,17 @@ fn lines_of_which_the_controller_computed_op_are_measurements() {
             assert_ne!(kind(&own), Some(HistoryKind::Interpolated), "{digit}");
         }
     }
+    // Of a loop whose set point is not recorded, OP follows from PV wherever that set point does not change.
+    let steps = vec![(70_000.0, 53.0), (95_000.0, 48.0)];
+    for digit in [1e-5, 1e-12] {
+        let [op, pv, sp] = printed_run(&stuck(None, steps.clone(), kano), digit);
+        assert!(sp.iter().any(|s| s.value != sp[0].value), "it changes");
+        let found = recognise_beside(&op, &pv, None).map(|found| found.kind);
+        assert_ne!(found, Some(HistoryKind::Interpolated), "{digit}");
+    }
     // Where the two are never read at one time, OP cannot tell, and that is what is wrong with the record.
     let [mut op, mut pv, sp] = printed_run(&stuck(None, Vec::new(), kano), 1e-5);
-    let in_turns = |s: &Sample| (s.t / 350.0) as usize % 2 == 0;
+    let in_turns = |s: &Sample| ((s.t / 350.0) as usize).is_multiple_of(2);
     op.retain(in_turns);
     pv.retain(|s| !in_turns(s));
     assert_eq!(kind(&[op, pv, sp]), None);

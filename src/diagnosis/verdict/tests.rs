@@ -170,7 +170,7 @@ fn a_reason_is_known_without_what_it_ends_with() {
 fn what_an_archive_left_out_is_told_with_its_own_remedy() {
     let of = |kind: HistoryKind| {
         let history = HistoryFound { kind, role: Role::Pv, evidence: [0.9, 40.0] };
-        let read_apart = Apart { share: 0.6, rows: 0.5 };
+        let read_apart = Apart { share: 0.6, rows: 0.5, ..Apart::default() };
         Preparation { history: Some(Box::new(history)), read_apart, decimation: 1, ..Preparation::default() }
     };
     let exception = of(HistoryKind::Exception);

@@ -20,11 +20,15 @@
 use super::equations::{Controller, Equations, HONEST, LONGEST, Shift, gain};
 use super::fact::{Fact, TOLD, posterior};
 use crate::residual::findings::{Described, Kind};
+use crate::sysid::controller::LAGS;
 use crate::sysid::criterion::{THRESHOLD, score};
-use crate::sysid::iddata::IdData;
+use crate::sysid::iddata::{IdData, PvMoved};
 
 /// Standard errors by which two inexact equations must be likelier: chance does that once in a thousand.
 const STANDARD_ERRORS: f64 = 3.0;
+/// Largest scale of the errors, as a share of that at right stamps, at which an equation that rounding may explain is the
+/// controller's: a quarter of the variance, as for a late PV on rows.
+const HALF: f64 = 0.5;
 
 /// Finds a clock skew, and shifts PV to its right times. `step`: the quantum of PV (standard deviations of PV); 0 without one.
 pub fn assess(data: &mut IdData, step: f64) -> Option<Fact> {
@@ -34,20 +38,53 @@ pub fn assess(data: &mut IdData, step: f64) -> Option<Fact> {
         return None;
     }
     (data.y, data.weight) = shift.moved(&data.y, &data.weight);
-    data.known = shift.nearest(&data.known);
-    Some(Fact { kind: Kind::ClockSkew, posterior, described: describe(data, shift) })
+    data.known = shift.flags(&data.known);
+    data.pv_moved = shift.is_late().then(|| PvMoved {
+        late_s: -shift.first.min(shift.last) * data.units.ts,
+        is_right: op_follows(data, step),
+        perhaps_later: [shift.first, shift.last].into_iter().any(|by| by < 0.0 && Shift::is_longest(by)),
+    });
+    Some(Fact { kind: Kind::ClockSkew, posterior, described: describe(data.units.ts, shift) })
 }
 
-fn describe(data: &IdData, shift: Shift) -> Described {
-    let [first, last] = [shift.first, shift.last].map(|by| by * data.units.ts);
-    let told = |by: f64| format!("{:.3} s {}", by.abs(), if by > 0.0 { "early" } else { "late" });
+/// The clock skew of a PV that the gate has moved back already; `None` where it is too short to be one.
+///
+/// * `late_s`: the time by which PV was moved back (s); `ts`: the sample period (s).
+pub fn of_gate(late_s: f64, ts: f64) -> Option<Fact> {
+    let shift = Shift { first: -late_s / ts, last: -late_s / ts };
+    // The gate moves PV where no other explanation comes near.
+    let fact = || Fact { kind: Kind::ClockSkew, posterior: 1.0, described: describe(ts, shift) };
+    shift.is_wrong().then(fact)
+}
+
+fn describe(ts: f64, shift: Shift) -> Described {
+    let [first, last] = [shift.first, shift.last].map(|by| by * ts);
+    let told = |by: f64| {
+        let least = if Shift::is_longest(by) { "at least " } else { "" };
+        format!("{least}{:.3} s {}", (by * ts).abs(), if by > 0.0 { "early" } else { "late" })
+    };
     let skew = |explanation| Described::new(explanation).with("skew_s", 0.5 * (first + last), "s");
     if first == last {
-        return skew(format!("PV's stamps are {} against OP's: the controller says so", told(first)));
+        let told = told(shift.first);
+        return skew(format!("PV's stamps are {told} against OP's: the controller says so"));
     }
-    let (from, to) = (told(first), told(last));
+    let (from, to) = (told(shift.first), told(shift.last));
     let explanation = format!("PV's stamps drift against OP's, from {from} to {to}: the controller says so");
     skew(explanation).with("growth_s", last - first, "s")
+}
+
+/// Whether OP is computed from PV of its row and before, exactly but for rounding, and from nothing else.
+///
+/// Then it tells of no PV that is still to come.
+fn op_follows(data: &IdData, step: f64) -> bool {
+    let equations = Equations::new(data, step);
+    let fitted = |(moves, by)| equations.controller_of(moves, Shift::constant(by), data.rows());
+    let honest = (0..=LAGS[1]).flat_map(|moves| HONEST.map(move |by| (moves, by))).map(fitted);
+    let scales = honest.filter(|own| own.is_exact() && own.is_stable).map(|own| own.scale);
+    let least = scales.fold(f64::INFINITY, f64::min);
+    // Coarse values may hide that a later PV explains OP better.
+    let of_later = |by: i32| fitted((LAGS[1], -by)).scale;
+    least.is_finite() && (1..=LONGEST).map(of_later).all(|scale| scale >= HALF * least)
 }
 
 /// The likeliest shift of PV, and the log odds for it; `None` where the stamps are right.
@@ -78,7 +115,9 @@ fn skew(data: &IdData, step: f64) -> Option<(Shift, f64)> {
     if !best.shift.is_wrong() || log_odds < 0.0 {
         return None;
     }
-    if best.scale <= equations.exact {
+    // Coarse values may leave no less at the right shift than at the stamps.
+    let stamped = honest.iter().map(|own| own.scale).fold(f64::INFINITY, f64::min);
+    if best.is_exact() && best.scale < HALF * stamped {
         return Some((best.shift, log_odds));
     }
     let both = |of: &Controller| -> Vec<f64> {
@@ -148,10 +187,20 @@ mod tests {
         window
     }
 
+    /// PV as clocks that disagree by `stamped` record it: interpolated between two samples, or held from the one before.
+    fn recorded(pv: &[f64], stamped: Shift, held: bool) -> Vec<f64> {
+        let n = pv.len();
+        let of = |k: usize| {
+            let by = stamped.first + (stamped.last - stamped.first) * k as f64 / n as f64;
+            let at = (k as f64 + by).clamp(0.0, n as f64 - 1.0);
+            let (before, share) = (at as usize, if held { 0.0 } else { at.fract() });
+            pv[before] + share * (pv[(before + 1).min(n - 1)] - pv[before])
+        };
+        (0..n).map(of).collect()
+    }
+
     fn data(mut window: Window, stamped: Shift, with_sp: bool) -> IdData {
-        let ones = vec![1.0; window.pv.len()];
-        let wrong = Shift { first: -stamped.first, last: -stamped.last };
-        window.pv = wrong.moved(&window.pv, &ones).0;
+        window.pv = recorded(&window.pv, stamped, false);
         window.sp = window.sp.filter(|_| with_sp);
         IdData::new(&window, Start { index: 0, is_max: true }).expect("long enough")
     }
@@ -220,6 +269,68 @@ mod tests {
         assert_eq!(told(window, Shift::constant(0), false), None);
     }
 
+    /// The signals with OP and PV written in steps.
+    fn written(steps: [f64; 2]) -> Window {
+        let window = signals(Extra::default());
+        let [op, pv] = [(&window.op, steps[0]), (&window.pv, steps[1])]
+            .map(|(v, step)| v.iter().map(|v| (v / step).round() * step).collect());
+        Window { op, pv, ..window }
+    }
+
+    #[test]
+    fn a_late_pv_is_found_at_any_rounding() {
+        for steps in [[0.1, 1e-6], [0.01, 0.01], [1e-3, 1e-3], [1e-6, 1e-3]] {
+            for by in [-4, -6, -12] {
+                let stamped = Shift::constant(by);
+                assert_eq!(told(written(steps), stamped, true), Some(stamped), "{steps:?} {by}");
+            }
+            assert_eq!(told(written(steps), Shift::constant(0), true), None, "{steps:?}");
+        }
+    }
+
+    #[test]
+    fn a_held_pv_whose_lateness_grows_is_never_later_than_the_controller_read_it() {
+        let stamped = Shift { first: 0.0, last: -8.0 };
+        let window = written([1e-3, 1e-3]);
+        let late = Window { pv: recorded(&window.pv, stamped, true), ..window.clone() };
+        let start = Start { index: 0, is_max: true };
+        let [right, mut skewed] = [window, late].map(|of| IdData::new(&of, start).expect("long enough"));
+        let told = assess(&mut skewed, 0.0).expect("eight samples").described.explanation;
+        let moved = skewed.pv_moved.expect("it is late");
+        assert!(
+            moved.is_right && !moved.perhaps_later && (moved.late_s - 8.0).abs() < 1.0,
+            "{moved:?}: {told}"
+        );
+        // PV of a row, or of the row after it.
+        let pv = |data: &IdData, k: usize| data.y[k] * data.units.y + data.units.y0;
+        let near = |k: usize, after: usize| (pv(&skewed, k) - pv(&right, k + after)).abs() < 1e-6;
+        let rows = 32..1100;
+        let (same, next) =
+            (rows.clone().filter(|k| near(*k, 0)).count(), rows.clone().filter(|k| near(*k, 1)).count());
+        assert!(same + next >= rows.len() - 60 && same > next, "{same} and {next} of {}", rows.len());
+    }
+
+    #[test]
+    fn a_pv_that_the_gate_moved_back_is_told() {
+        let fact = of_gate(8.0, 2.0).expect("four rows");
+        assert_eq!(
+            fact.described.explanation,
+            "PV's stamps are 8.000 s late against OP's: the controller says so"
+        );
+        assert_eq!(fact.described.parameters[0].value, -8.0);
+        assert!(of_gate(2.0, 2.0).is_none() && of_gate(0.0, 2.0).is_none());
+    }
+
+    #[test]
+    fn a_lateness_at_the_end_of_the_range_is_at_least_that() {
+        let beyond = Shift { first: -2.0, last: -24.0 };
+        let mut skewed = data(signals(Extra::default()), beyond, true);
+        if let Some(fact) = assess(&mut skewed, 0.0) {
+            assert!(fact.described.explanation.contains("at least"), "{}", fact.described.explanation);
+            assert!(skewed.pv_moved.is_some_and(|moved| moved.perhaps_later));
+        }
+    }
+
     #[test]
     fn stamps_are_put_right() {
         let honest = data(signals(Extra::default()), Shift::constant(0), true);
@@ -227,6 +338,6 @@ mod tests {
         let fact = assess(&mut skewed, 0.0).expect("three samples");
         assert_eq!(fact.described.parameters[0].value, 3.0);
         assert!((100..1100).all(|k| (skewed.y[k] - honest.y[k]).abs() < 0.02));
-        assert_eq!((skewed.weight[2], skewed.weight[3]), (0.0, 1.0));
+        assert_eq!((skewed.weight[2], skewed.weight[3], skewed.pv_moved), (0.0, 1.0, None));
     }
 }

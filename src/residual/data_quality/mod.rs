@@ -8,6 +8,7 @@ mod frozen;
 mod outliers;
 pub mod quantised;
 
+pub use clock::of_gate;
 pub use fact::Fact;
 
 use crate::sysid::iddata::IdData;

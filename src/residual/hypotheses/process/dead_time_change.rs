@@ -82,6 +82,11 @@ impl Propose for DeadTimeChanges {
         Kind::DeadTimeChange
     }
     fn propose(&self, screen: &Screen<'_>) -> Vec<Proposal> {
+        // A PV that is later than any lateness that was tried is still late, and less so when its clock is right. That is no change
+        // of the process.
+        if screen.data.pv_moved.is_some_and(|moved| moved.perhaps_later) {
+            return Vec::new();
+        }
         let x = &screen.signals.x;
         let mut out = Vec::new();
         for by in CHANGES_TRIED {
