@@ -265,13 +265,18 @@ impl Proof {
     }
 
     /// While workers were there the edge of a site diagnosed nothing by itself, and took what they said; what a killed worker held
-    /// as well.
+    /// as well. That a source is silent the edge tells without a diagnosis, because only its clock knows.
     fn workers_made_it(&self, site: &str) {
         let (kept, made) = (reports(&self.fleet.store_at(site), site), self.wire.made(site));
         let is_within = |((_, at), _): &(&Made, &Kept)| self.stretch.contains(&f64::from_bits(*at));
         let own: Vec<(&Made, &Kept)> = kept.iter().filter(is_within).collect();
-        let alone: Vec<&Made> =
-            own.iter().map(|(key, _)| *key).filter(|key| !made.contains_key(*key)).collect();
+        let is_diagnosed = |(_, own): &&(&Made, &Kept)| own.reason_code.as_deref() != Some("silent");
+        let alone: Vec<&Made> = own
+            .iter()
+            .filter(is_diagnosed)
+            .map(|(key, _)| *key)
+            .filter(|key| !made.contains_key(*key))
+            .collect();
         assert!(own.len() >= LOOPS * self.fleet.copies && alone.is_empty(), "{} and {alone:?}", own.len());
         // Where a poll comes late on a busy machine a verdict may be another for once.
         let right = own.iter().filter(|((name, _), own)| own.outcome == self.expected(name)).count();

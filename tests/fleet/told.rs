@@ -18,6 +18,7 @@ pub struct Kept {
     /// Its number there.
     pub number: u64,
     pub outcome: String,
+    pub reason_code: Option<String>,
     /// Empty for a run that failed.
     pub report: Vec<u8>,
 }
@@ -32,7 +33,12 @@ pub fn reports(store: &Path, site: &str) -> BTreeMap<Made, Kept> {
             after = number;
             let Some(name) = of_site(&row.control_loop, site) else { continue };
             let number = u64::try_from(number).expect("counted from 1");
-            let kept = Kept { number, outcome: row.outcome, report: row.report.unwrap_or_default() };
+            let kept = Kept {
+                number,
+                outcome: row.outcome,
+                reason_code: row.reason_code,
+                report: row.report.unwrap_or_default(),
+            };
             let known = all.insert((name, row.finished.to_bits()), kept);
             assert!(known.is_none(), "nothing is there twice");
         }
