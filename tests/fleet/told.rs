@@ -4,7 +4,7 @@ use crate::rig::seconds;
 use crate::settle::Mark;
 use crate::wire::Made;
 use serde_json::Value;
-use std::collections::{BTreeMap, HashSet};
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::Receiver;
@@ -202,14 +202,21 @@ pub fn named_in(letters: &[(f64, String)]) -> Vec<String> {
 
 /// Alarms that people were told of too often. Each of `excuses` is a time (s) in which one who tells them went away, or the line
 /// to them: what was told then may be told once more, because nobody may have taken note of it.
-pub fn too_often(letters: &[(f64, String)], excuses: &[RangeInclusive<f64>]) -> Vec<String> {
+///
+/// * `happened`: what happened to alarms, once for each site. Loops of two sites may change in the same millisecond.
+pub fn too_often(
+    letters: &[(f64, String)],
+    excuses: &[RangeInclusive<f64>],
+    happened: &[String],
+) -> Vec<String> {
     let mut all = BTreeMap::<&str, Vec<f64>>::new();
     letters.iter().for_each(|(at, notice)| all.entry(notice).or_default().push(*at));
-    let is_too_often = |times: &[f64]| {
-        let (_, before) = times.split_last().expect("there is one");
+    let is_too_often = |notice: &str, times: &[f64]| {
+        let sites = happened.iter().filter(|own| *own == notice).count().max(1);
+        let before = &times[..times.len().saturating_sub(sites)];
         before.len() > excuses.iter().filter(|own| before.iter().any(|at| own.contains(at))).count()
     };
-    all.retain(|_, times| is_too_often(times));
+    all.retain(|notice, times| is_too_often(notice, times));
     all.into_iter().map(|(notice, times)| format!("{notice}, told at {times:.3?}")).collect()
 }
 
@@ -241,6 +248,11 @@ pub fn untold(store: &Path, site: &str, told: &[String], tellers: &[PathBuf]) ->
     let mut waits: Vec<String> = tellers.iter().flat_map(|own| unsent(own)).collect();
     waits.extend_from_slice(told);
     raised.map(|own| notice(&own)).filter(|own| !waits.contains(own)).collect()
+}
+
+/// What happened to alarms of a site by a store, as `notices` has it, each once.
+pub fn happened(store: &Path, site: &str) -> BTreeSet<String> {
+    changes(store, site).iter().map(|(_, own)| notice(own)).collect()
 }
 
 /// A change that `changes` has, as `notices` has it.
