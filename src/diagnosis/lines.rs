@@ -111,12 +111,16 @@ impl Lines {
     /// * `op`: samples in the order of time.
     /// * `set_point`: samples, where it is recorded.
     pub fn are_drawn(&self, op: &[Sample], pv: &[Sample], set_point: Option<&[Sample]>) -> bool {
+        // Nearly every record ends here, so OP is looked at only behind it.
+        if !self.look_drawn() {
+            return false;
+        }
         let near = SAME_ROW * self.period;
         let op = at_stamps(op, pv, |s, t| (s.t - t).abs() <= near, near);
         // An export has both tags at every row. Tags that were read apart are told as such.
         let has_both = 2 * op.iter().flatten().count() > pv.len();
         let goes_on = self.straight_on as f64 >= STRAIGHT_ON * self.count as f64;
-        self.look_drawn() && has_both && !self.are_computed_from(&op, pv, set_point).unwrap_or(!goes_on)
+        has_both && !self.are_computed_from(&op, pv, set_point).unwrap_or(!goes_on)
     }
 
     /// Whether the controller computed OP from the values; `None` where it does not tell.
