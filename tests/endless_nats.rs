@@ -28,8 +28,8 @@ const HELD: usize = 8 << 20;
 fn hub(name: &str, more: impl FnOnce(&Path) -> String) -> Nats {
     Nats::with(name, |folder, [clients, _]| {
         format!(
-            "server_name: hub\nlisten: 127.0.0.1:{clients}\njetstream {{ domain: stictiond, store_dir: {:?} }}\n{}",
-            folder.join("js").display(),
+            "server_name: hub\nlisten: 127.0.0.1:{clients}\n{}{}",
+            nats::jetstream(folder, nats::ROOM),
             more(folder)
         )
     })
@@ -42,8 +42,8 @@ fn config(text: &str) -> Config {
 async fn connected(config: &Config) -> Link {
     let link = Link::connect(config, "large").await.expect("begins");
     let begun = Instant::now();
-    while link.make_streams(config).await.is_err() {
-        assert!(begun.elapsed() < PATIENCE, "no server");
+    while let Err(error) = link.make_streams(config).await {
+        assert!(begun.elapsed() < PATIENCE, "{error}");
         tokio::time::sleep(Duration::from_millis(50)).await;
     }
     link

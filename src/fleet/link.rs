@@ -25,7 +25,7 @@ use async_nats::jetstream::message::{PublishMessage, StreamMessage};
 use async_nats::jetstream::stream::{self, LastRawMessageErrorKind, RawMessageError};
 use async_nats::jetstream::{self, Context};
 pub use error::LinkError;
-use error::away;
+use error::{away, unmade};
 use futures::StreamExt;
 pub use given::Mark;
 use given::{Given, Standing};
@@ -118,10 +118,11 @@ impl Link {
     /// other limits. Two centres may do this at the same time: both make the same changes.
     ///
     /// # Errors
-    /// [`LinkError::Away`].
+    /// [`LinkError::Away`] and [`LinkError::NoRoom`].
     pub async fn make_streams(&self, config: &Config) -> Result<(), LinkError> {
         for wanted in streams::of(config) {
-            let stream = self.js.get_or_create_stream(wanted.clone()).await.map_err(away)?;
+            let stream = self.js.get_or_create_stream(wanted.clone()).await;
+            let stream = stream.map_err(|error| unmade(&error, &wanted))?;
             if let Some(mended) = streams::mended(&stream.cached_info().config, &wanted) {
                 self.js.update_stream(mended).await.map_err(away)?;
                 tracing::info!(stream = wanted.name, "a stream of an earlier version was updated");

@@ -1,10 +1,11 @@
 //! What a stream does that is full: the oldest samples go, and of what was found nothing.
 
-use crate::nats::Nats;
-use crate::rig::connected;
+use crate::nats::{Nats, jetstream as streams_in};
+use crate::rig::{PATIENCE, connected};
 use async_nats::jetstream::{self, stream};
-use std::time::Duration;
-use stictiond::fleet::link::{Incoming, Link, Outgoing, Reading};
+use std::time::{Duration, Instant};
+use stictiond::fleet::config::Config;
+use stictiond::fleet::link::{Incoming, Link, LinkError, Outgoing, Reading};
 use stictiond::fleet::streams::{ALARMS, DIAGNOSES, LATEST, SAMPLES};
 use stictiond::fleet::subject::{Subject, What, all};
 
@@ -34,6 +35,28 @@ async fn fill(link: &Link, what: What) -> u64 {
         }
     }
     MESSAGES
+}
+
+/// Says which stream it is, how much it asks for and what to do; an operator sees it in the log of the centre.
+#[tokio::test]
+async fn a_server_without_the_room_is_told_from_one_that_is_away() {
+    let hub = Nats::with("small", |folder, [clients, _]| {
+        format!("server_name: hub\nlisten: 127.0.0.1:{clients}\n{}", streams_in(folder, 2))
+    });
+    let config: Config = toml::from_str(&format!("servers = [{:?}]", hub.url())).expect("readable");
+    let link = Link::connect(&config, "test").await.expect("begins");
+    let begun = Instant::now();
+    let error = loop {
+        match link.make_streams(&config).await {
+            Err(LinkError::Away(_)) if begun.elapsed() < PATIENCE => {
+                tokio::time::sleep(Duration::from_millis(50)).await;
+            }
+            other => break other.expect_err("there are 2 GB"),
+        }
+    };
+    assert!(matches!(&error, LinkError::NoRoom { stream, megabytes: 4096 } if stream == SAMPLES), "{error}");
+    assert!(error.to_string().contains("max_file_store"), "{error}");
+    connected(&hub, "samples_mb = 1\ndiagnoses_mb = 1\nalarms_mb = 1").await;
 }
 
 #[tokio::test]

@@ -23,6 +23,16 @@ pub fn check(config: &Path) -> (bool, String) {
     (output.status.success(), said.into_owned())
 }
 
+/// More than the streams of a fleet ask for (GB). Without it a server takes three quarters of what is free on its disk, and the tests
+/// would depend on that.
+pub const ROOM: u64 = 64;
+
+/// What keeps streams in this folder, with so much room (GB).
+pub fn jetstream(folder: &Path, room: u64) -> String {
+    let folder = folder.join("js");
+    format!("jetstream {{ domain: stictiond, store_dir: {folder:?}, max_file_store: {room}GB }}\n")
+}
+
 /// A server, running or stopped, that keeps its ports.
 pub struct Nats {
     folder: PathBuf,
@@ -37,9 +47,9 @@ impl Nats {
     pub fn hub() -> Self {
         Self::with("hub", |folder, [clients, leaves]| {
             format!(
-                "server_name: hub\nlisten: 127.0.0.1:{clients}\njetstream {{ domain: stictiond, store_dir: {:?} }}\n\
+                "server_name: hub\nlisten: 127.0.0.1:{clients}\n{}\
                  leafnodes {{ listen: 127.0.0.1:{leaves} }}\n",
-                folder.join("js").display()
+                jetstream(folder, ROOM)
             )
         })
     }

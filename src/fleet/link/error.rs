@@ -1,5 +1,9 @@
 //! Why the link does not do what it was asked.
 
+use async_nats::jetstream::ErrorCode;
+use async_nats::jetstream::context::{CreateStreamError, CreateStreamErrorKind};
+use async_nats::jetstream::stream::Config;
+
 /// Why the link does not do what it was asked.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
@@ -15,6 +19,30 @@ pub enum LinkError {
     /// The message is larger than a server takes (bytes).
     #[error("NATS: a message of {0} bytes is larger than the server takes")]
     TooLarge(usize),
+    /// The server reserves the room of a stream when the stream is made, and has not got it.
+    #[error(
+        "NATS: the server has no room for the {megabytes} MB of the stream {stream}: raise max_file_store in its \
+         configuration, free its disk (it takes three quarters of what is free unless told), or lower samples_mb, \
+         diagnoses_mb or alarms_mb in [fleet]"
+    )]
+    NoRoom {
+        /// Its name.
+        stream: String,
+        /// What it may take at most (MB).
+        megabytes: i64,
+    },
+}
+
+/// Why a stream is not made.
+pub(super) fn unmade(error: &CreateStreamError, wanted: &Config) -> LinkError {
+    match error.kind() {
+        CreateStreamErrorKind::JetStream(own)
+            if own.error_code() == ErrorCode::STORAGE_RESOURCES_EXCEEDED =>
+        {
+            LinkError::NoRoom { stream: wanted.name.clone(), megabytes: wanted.max_bytes / 1_000_000 }
+        }
+        _ => away(error),
+    }
 }
 
 pub(super) fn away(error: impl std::fmt::Display) -> LinkError {
