@@ -101,6 +101,8 @@ pub enum NotIdentifiable {
         friction: Option<String>,
         /// Least and largest S that the record excludes all the same, in words: less friction could be hidden, and more.
         excluded: Option<[String; 2]>,
+        /// Whether OP tells of PV between the samples: that hides friction, because OP predicts PV without moving it.
+        unrecorded: bool,
     },
     /// Friction is likelier than not, but its evidence is not enough for a verdict, or samples that were not fitted contradict it, or
     /// its f may be 0.
@@ -268,7 +270,7 @@ impl fmt::Display for NotIdentifiable {
             Self::Compensated => {
                 write!(out, "compensated: a term of write-back acted, and hides the friction that is left")
             }
-            Self::HiddenFriction { reversal, friction, excluded } => {
+            Self::HiddenFriction { reversal, friction, excluded, unrecorded } => {
                 let which = match (friction, excluded) {
                     (Some(s), Some([low, high])) => format!(
                         "friction of S = {low} to {high} is excluded, but less, or more up to S = {s}, could be hidden"
@@ -278,10 +280,13 @@ impl fmt::Display for NotIdentifiable {
                     }
                     (None, _) => "friction would not show".to_string(),
                 };
-                write!(
-                    out,
-                    "hidden friction: {which} beside what else moves PV; OP never reverses by more than {reversal}"
-                )
+                let beside = match unrecorded {
+                    true => {
+                        ": the controller acts between the samples, and OP tells what PV did there; read OP and PV at every scan of it"
+                    }
+                    false => " beside what else moves PV",
+                };
+                write!(out, "hidden friction: {which}{beside}; OP never reverses by more than {reversal}")
             }
             Self::Undecided { evidence: [evidence, needed], contradicted, most } => {
                 let told = beside(*evidence, &[0.0, *needed], 0);
@@ -392,12 +397,26 @@ mod tests {
         assert!(of(25.3, true).contains(against), "{}", of(25.3, true));
     }
 
+    fn hidden(friction: Option<String>, excluded: Option<[String; 2]>, unrecorded: bool) -> String {
+        let reversal = "11.5 % OP".to_string();
+        NotIdentifiable::HiddenFriction { reversal, friction, excluded, unrecorded }.to_string()
+    }
+
+    #[test]
+    fn friction_that_hides_between_the_samples_has_a_remedy() {
+        assert_eq!(
+            hidden(Some("0.888 % OP".into()), None, true),
+            "hidden friction: friction of any size that was tried, up to S = 0.888 % OP, could be hidden: the controller acts between the \
+             samples, and OP tells what PV did there; read OP and PV at every scan of it; OP never reverses by more than 11.5 % OP"
+        );
+    }
+
     #[test]
     fn what_was_tried_is_told_apart_from_what_op_did() {
         let said = |friction: Option<&str>, excluded: Option<[&str; 2]>| {
             let (friction, excluded) =
                 (friction.map(str::to_string), excluded.map(|ends| ends.map(str::to_string)));
-            NotIdentifiable::HiddenFriction { reversal: "11.5 % OP".into(), friction, excluded }.to_string()
+            hidden(friction, excluded, false)
         };
         let end = "beside what else moves PV; OP never reverses by more than 11.5 % OP";
         assert_eq!(

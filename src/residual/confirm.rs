@@ -271,6 +271,7 @@ fn fit_with_effects(
         candidates: Vec::new(),
         friction_log_odds: friction_log_odds(&table, &decided),
         slip_jump: slip_jump_evidence(&table),
+        closed_loop: true,
         rejected: Vec::new(),
     }))
 }

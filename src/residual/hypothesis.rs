@@ -5,6 +5,7 @@ use super::findings::Kind;
 use crate::sysid::armax::{Input, Signals, Smooth};
 use crate::sysid::criterion::REGULAR;
 use crate::sysid::iddata::IdData;
+use crate::sysid::unrecorded::LAGS;
 use crate::sysid::valve::{StopRule, ValveModel};
 use std::borrow::Cow;
 
@@ -125,10 +126,14 @@ impl Hypothesis {
         Cow::Owned(data.y.iter().zip(&offset).map(|(y, offset)| y - offset).collect())
     }
 
-    /// The shapes of all loads: first the lags of OP where OP acts beside the stem ([`IdData::direct`]), then those of each effect.
+    /// The shapes of all loads: first the lags of OP where OP acts beside the stem ([`IdData::direct`]), then those of what OP tells
+    /// of PV between the samples ([`IdData::unrecorded`]), then those of each effect.
     pub fn shapes(&self, data: &IdData) -> Vec<Vec<f64>> {
-        let late = |lag: usize| (0..data.len()).map(|k| data.u[k.saturating_sub(lag)]).collect();
-        let mut shapes: Vec<Vec<f64>> = (1..=direct_lags(data)).map(late).collect();
+        let late = |v: &[f64], lag: usize| (0..data.len()).map(|k| v[k.saturating_sub(lag)]).collect();
+        let mut shapes: Vec<Vec<f64>> = (1..=direct_lags(data)).map(|lag| late(&data.u, lag)).collect();
+        if !data.unrecorded.is_empty() {
+            shapes.extend((1..=LAGS).map(|lag| late(&data.unrecorded, lag)));
+        }
         self.effects.iter().for_each(|effect| effect.shapes(data, &mut shapes));
         shapes
     }

@@ -12,7 +12,7 @@ use super::findings::{Curves, Described, Effect, Evidence, Findings, Kind, Lasti
 use super::fit::{Fitted, fit_anew};
 use super::held_out::{Validation, held_out_gain, validate};
 use super::hypothesis::{Hypothesis, direct_lags};
-use super::interval::excluded_below_the_largest;
+use super::interval::{excluded_below_the_largest, interval};
 use super::response::pv_follows_stem;
 use super::settings::Settings;
 use super::verdict::{Question, friction_before};
@@ -20,6 +20,7 @@ use crate::diagnosis::verdict::of_archive;
 use crate::diagnosis::{Diagnosis, Model, NotIdentifiable, Verdict};
 use crate::sysid::armax::{Armax, ORDER};
 use crate::sysid::iddata::{IdData, Units};
+use crate::sysid::unrecorded::innovation;
 use crate::sysid::valve::{Rest, ValveModel};
 
 /// J is another than S where it is told to differ by more than this share of S: no model of a valve holds closer than a tenth,
@@ -49,6 +50,8 @@ pub struct Outcome {
     pub friction_log_odds: f64,
     /// The evidence for a slip jump J that differs from S, where there is friction.
     pub slip_jump: Evidence,
+    /// Whether a controller makes OP of PV.
+    pub closed_loop: bool,
 }
 
 /// The findings, and the two models whose errors they publish, each with the record that it was fitted to.
@@ -75,6 +78,7 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> R
         mut candidates,
         friction_log_odds,
         slip_jump,
+        closed_loop,
     } = outcome;
     if best.hypothesis.valve.is_none() {
         best = without_direct(&mut data, best);
@@ -105,9 +109,16 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> R
             .apart()
             .is_none();
     let fast = diagnosis.preparation.unseen_moves();
-    let shown = || detectable(&data, &best, settings.evidence_threshold, fast);
+    let beside = (closed_loop && answer.verdict == Verdict::NoStiction)
+        .then(|| beside_unrecorded(&data, &best))
+        .flatten();
+    let (known, none) = beside.as_ref().map_or((&data, &best), |(data, none)| (data, none));
+    if beside.is_some() {
+        answer.hides_between_samples(interval(known, &none.hypothesis, fast)[1] * data.units.u);
+    }
+    let shown = || detectable(known, none, settings.evidence_threshold, fast);
     let f_detectable = answer.bound(&data, read_together.then(shown).flatten());
-    answer.tell_excluded(&data, || excluded_below_the_largest(&data, &best.hypothesis, fast));
+    answer.tell_excluded(&data, || excluded_below_the_largest(known, &none.hypothesis, fast));
     let (stem, dir) = best.hypothesis.stem(&data);
     let failed = checks::failed(&data, (&stem, &dir), &after.e, 2 * ORDER);
     // A record on which tracing and diagnosis differ, or which lies between two kinds of effect, has to be searched again.
@@ -248,6 +259,17 @@ fn without_direct(data: &mut IdData, best: Fitted) -> Fitted {
     }
     data.direct = false;
     fit_anew(data, best.hypothesis, None)
+}
+
+/// The record with what OP tells of PV between the samples as an input beside the stem, and the model without friction fitted to it.
+/// `None` where OP tells nothing of that.
+///
+/// Without this input no valve predicts PV as well as OP does, whether it sticks or not.
+fn beside_unrecorded(data: &IdData, none: &Fitted) -> Option<(IdData, Fitted)> {
+    let unrecorded = innovation(&data.u, &data.y, data.sp.as_deref(), |k| data.weight[k] > 0.0)?;
+    let data = IdData { unrecorded, ..data.clone() };
+    let none = fit_anew(&data, none.hypothesis.clone(), None);
+    Some((data, none))
 }
 
 /// The model with this valve, or without friction, fitted. Effects that are no longer likelier than not are dropped, and without

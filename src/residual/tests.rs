@@ -270,7 +270,12 @@ fn the_largest_reversal_is_told_whichever_way_it_goes() {
     let mut answer = standing(&data, &declared(1.5));
     assert_eq!(answer.bound(&data, None), None);
     let [reversal, friction] = ["10.000 % OP", "3.000 % OP"].map(String::from);
-    let hidden = NotIdentifiable::HiddenFriction { reversal, friction: Some(friction), excluded: None };
+    let hidden = NotIdentifiable::HiddenFriction {
+        reversal,
+        friction: Some(friction),
+        excluded: None,
+        unrecorded: false,
+    };
     assert_eq!(answer.verdict, Verdict::NotIdentifiable(hidden));
     assert_eq!(
         answer.reason,

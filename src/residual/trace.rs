@@ -102,6 +102,7 @@ fn trace_one(
         candidates,
         friction_log_odds,
         slip_jump,
+        closed_loop,
     };
     Some(report(outcome, diagnosis, settings))
 }

@@ -47,6 +47,8 @@ pub struct Answer {
     pub by_tracing: bool,
     /// Whether tracing tested friction at all.
     pub asked: bool,
+    /// Whether OP tells of PV between the samples.
+    pub unrecorded: bool,
 }
 
 /// The clause that ends the reason of a verdict which tracing contested, and the held-out samples upheld.
@@ -65,7 +67,7 @@ impl Question<'_> {
             let (friction, verdict, reason) = self.traced(agrees);
             let stays_open = verdict.is_undecided() && self.diagnosis.verdict == Verdict::NoStiction;
             if agrees || verdict == self.diagnosis.verdict || stays_open {
-                return Answer { friction, verdict, reason, by_tracing: true, asked };
+                return Answer { friction, verdict, reason, by_tracing: true, asked, unrecorded: false };
             }
         }
         let own = bare_reason(self.diagnosis, self.settings.op_span);
@@ -74,7 +76,7 @@ impl Question<'_> {
         let reason = clauses.collect::<Vec<_>>().join("; ");
         let verdict = self.diagnosis.verdict.clone();
         let friction = friction_before(self.diagnosis);
-        let mut answer = Answer { friction, verdict, reason, by_tracing: false, asked };
+        let mut answer = Answer { friction, verdict, reason, by_tracing: false, asked, unrecorded: false };
         if answer.tells_stiction() && !followed() {
             answer.cannot_tell(NotIdentifiable::StemNotFollowed);
         }
@@ -192,6 +194,13 @@ impl Answer {
             && diagnosis.preparation.compensated == 0.0
     }
 
+    /// Raises the upper end of the interval of f to this f (OP unit), which the record does not exclude once a model of a valve knows
+    /// what OP tells of PV between the samples.
+    pub fn hides_between_samples(&mut self, f: f64) {
+        self.friction.f_ci95[1] = self.friction.f_ci95[1].max(f);
+        self.unrecorded = true;
+    }
+
     /// Bounds f from above where the verdict is no stiction. The bound is the larger of two: the end of the interval of f, and
     /// `detectable`, the least f that the record would have shown (standard deviations of OP). Where the bound excludes nothing, the
     /// verdict becomes hidden friction, so that no published bound is beyond the largest f that was tried. Returns the published
@@ -214,7 +223,8 @@ impl Answer {
         let s = 2.0 * most;
         let friction = (s.is_finite() && s > 0.0).then(|| data.units.along_op(s));
         let reversal = data.units.along_op(reversal);
-        self.cannot_tell(NotIdentifiable::HiddenFriction { reversal, friction, excluded: None });
+        let unrecorded = self.unrecorded;
+        self.cannot_tell(NotIdentifiable::HiddenFriction { reversal, friction, excluded: None, unrecorded });
         None
     }
 
@@ -231,7 +241,8 @@ impl Answer {
         let (reversal, friction) = (reversal.clone(), friction.clone());
         if let Some(f) = self.by_tracing.then(excluded).flatten() {
             let excluded = Some(f.map(|f| data.units.along_op(2.0 * f * data.units.u)));
-            self.cannot_tell(NotIdentifiable::HiddenFriction { reversal, friction, excluded });
+            let unrecorded = self.unrecorded;
+            self.cannot_tell(NotIdentifiable::HiddenFriction { reversal, friction, excluded, unrecorded });
         }
     }
 

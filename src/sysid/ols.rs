@@ -50,10 +50,15 @@ impl Ols {
         right
     }
 
+    /// The coefficients of the first `n` columns.
+    pub fn theta(&self, n: usize) -> Vec<f64> {
+        self.solved(self.right[..n].to_vec())
+    }
+
     /// The sum of squares of the residual with the first `n` columns.
     pub fn rest(&self, n: usize) -> f64 {
         let right = &self.right[..n];
-        (self.power - dot(right, &self.solved(right.to_vec()))).max(0.0)
+        (self.power - dot(right, &self.theta(n))).max(0.0)
     }
 
     /// t of the sum of the coefficients of the columns `of`, in the regression on the first `n` columns (-).
@@ -61,7 +66,7 @@ impl Ols {
     /// It is 0 where all of them depend on columns before them, and ±`f64::MAX` where the residual is 0.
     pub fn t(&self, n: usize, of: Range<usize>) -> f64 {
         let sum_of = |v: &[f64]| v[of.clone()].iter().sum::<f64>();
-        let sum = sum_of(&self.solved(self.right[..n].to_vec()));
+        let sum = sum_of(&self.theta(n));
         let ones = (0..n).map(|i| f64::from(u8::from(of.contains(&i)))).collect();
         let leverage = sum_of(&self.solved(ones));
         // Columns that depend on those before them have no coefficients, so their sum has no variance.

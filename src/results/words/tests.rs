@@ -34,6 +34,7 @@ fn reasons() -> [NotIdentifiable; 21] {
             reversal: "3.1 % OP".into(),
             friction: Some("3.1 % OP".into()),
             excluded: None,
+            unrecorded: false,
         },
         NotIdentifiable::Undecided { evidence: [17.0, 20.0], contradicted: false, most: "3.7 % OP".into() },
         NotIdentifiable::Undersampled { samples: 2.2, poll_s: Some(39.0), mean_s: None },
