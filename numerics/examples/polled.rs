@@ -64,9 +64,9 @@ fn main() -> ExitCode {
     let loops: Vec<Loop> = parallel::on(threads, 0..count, |i| draw(i, first + i));
     println!("{count} loops, seeds from {first}; Wilson 95 % intervals in brackets\n");
     println!(
-        "| acquisition | sticking found | of those found at the ticks | f within 10 % | interval covers S/2 | sound called sticking | effect invented | same verdict | not identifiable |"
+        "| acquisition | sticking found | of those found at the ticks | f within 10 % | interval covers S/2 | sound called sticking | sticking told none, f within the bound | effect invented | same verdict | not identifiable |"
     );
-    println!("|---|---|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|---|---|");
     let at_ticks = parallel::on(threads, &loops, |own| judge(own, &own.record));
     show("at the controller's ticks", &loops, &at_ticks, &at_ticks, false);
     for row in all.iter().filter(|row| wanted.is_empty() || wanted.contains(&row.name.as_str())) {
@@ -94,6 +94,8 @@ fn rows() -> Vec<Row> {
     let mut rows = vec![
         row("same period, own clock, 5 % jitter", |s, rng| Acquisition::Polled(poll(s, 1.0, rng))),
         row("twice per controller scan", |s, rng| Acquisition::Polled(poll(s, 0.5, rng))),
+        row("every second scan", |s, _| Acquisition::Polled(Poll { phase: 0.25, ..Poll::every(2.0 * s) })),
+        row("every third scan", |s, _| Acquisition::Polled(Poll { phase: 0.25, ..Poll::every(3.0 * s) })),
         row("every 2.3 scans", |s, rng| Acquisition::Polled(poll(s, 2.3, rng))),
         row("scaled integers of 0.01", |s, rng| {
             Acquisition::Polled(Poll { step: 0.01, ..poll(s, 1.0, rng) })
@@ -125,18 +127,21 @@ fn show(name: &str, loops: &[Loop], at_ticks: &[Said], said: &[Said], each: bool
     let again = known.iter().filter(|(_, _, said)| said.sticks()).count();
     let near = found.iter().filter(|(own, _, said)| said.near(own.f)).count();
     let covers = found.iter().filter(|(own, _, said)| said.covers(own.f)).count();
+    let denied: Vec<_> = sticking.iter().filter(|(_, _, said)| said.verdict == "no_stiction").collect();
+    let within = denied.iter().filter(|(own, _, said)| said.covers(own.f)).count();
     let accused = all.iter().filter(|(own, _, said)| own.f == 0.0 && said.sticks()).count();
     let invented = all.iter().filter(|(_, _, said)| !said.invented.is_empty()).count();
     let same = all.iter().filter(|(_, ticks, said)| ticks.verdict == said.verdict).count();
     let silent = all.iter().filter(|(_, _, said)| said.verdict == "not_identifiable").count();
     println!(
-        "| {name} | {} of {} | {} | {} | {} | {} | {} | {} | {silent} |",
+        "| {name} | {} of {} | {} | {} | {} | {} | {} | {} | {} | {silent} |",
         found.len(),
         sticking.len(),
         wilson(again, known.len()),
         wilson(near, found.len()),
         wilson(covers, found.len()),
         wilson(accused, all.len() - sticking.len()),
+        wilson(within, denied.len()),
         wilson(invented, all.len()),
         wilson(same, all.len())
     );
