@@ -39,7 +39,7 @@ fn a_sticking_valve_is_not_denied_because_op_tells_of_pv_between_the_samples() {
         let told = format!("{} every {n}: {} {}", own.name, said.verdict, said.reason);
         let denied = said.verdict == "no_stiction";
         assert!(!denied || said.covers(own.f), "{told}");
-        let tells = said.reason.contains("acts between the samples");
+        let tells = said.reason.contains("OP tells more of PV");
         assert!(!tells || *n > 1.0, "every scan is a sample: {told}");
         between += usize::from(tells);
         cleared += usize::from(denied && own.f == 0.0 && *n > 1.0);

@@ -7,6 +7,9 @@ use std::fmt;
 /// Fewest large extrema of OP in the window: those of two periods.
 pub(super) const LEAST_EXTREMA: usize = 4;
 
+/// Why friction may hide although the record would exclude it otherwise, in a sentence.
+pub const BEYOND_SAMPLES: &str = "OP tells more of PV than the samples of PV do";
+
 /// The reason of the verdict `not_identifiable`.
 #[derive(Clone, Debug, PartialEq)]
 pub enum NotIdentifiable {
@@ -101,7 +104,7 @@ pub enum NotIdentifiable {
         friction: Option<String>,
         /// Least and largest S that the record excludes all the same, in words: less friction could be hidden, and more.
         excluded: Option<[String; 2]>,
-        /// Whether OP tells of PV between the samples: that hides friction, because OP predicts PV without moving it.
+        /// Whether it is hidden because OP tells more of PV than its samples do: OP then predicts PV without moving it.
         unrecorded: bool,
     },
     /// Friction is likelier than not, but its evidence is not enough for a verdict, or samples that were not fitted contradict it, or
@@ -281,10 +284,10 @@ impl fmt::Display for NotIdentifiable {
                     (None, _) => "friction would not show".to_string(),
                 };
                 let beside = match unrecorded {
-                    true => {
-                        ": the controller acts between the samples, and OP tells what PV did there; read OP and PV at every scan of it"
-                    }
-                    false => " beside what else moves PV",
+                    true => format!(
+                        ", because {BEYOND_SAMPLES}; if the controller acts between them, read OP and PV at each of its scans"
+                    ),
+                    false => " beside what else moves PV".to_string(),
                 };
                 write!(out, "hidden friction: {which}{beside}; OP never reverses by more than {reversal}")
             }
@@ -403,11 +406,12 @@ mod tests {
     }
 
     #[test]
-    fn friction_that_hides_between_the_samples_has_a_remedy() {
+    fn friction_that_hides_beyond_the_samples_has_a_remedy() {
         assert_eq!(
             hidden(Some("0.888 % OP".into()), None, true),
-            "hidden friction: friction of any size that was tried, up to S = 0.888 % OP, could be hidden: the controller acts between the \
-             samples, and OP tells what PV did there; read OP and PV at every scan of it; OP never reverses by more than 11.5 % OP"
+            "hidden friction: friction of any size that was tried, up to S = 0.888 % OP, could be hidden, because OP tells more of PV than \
+             the samples of PV do; if the controller acts between them, read OP and PV at each of its scans; OP never reverses by more \
+             than 11.5 % OP"
         );
     }
 

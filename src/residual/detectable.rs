@@ -150,6 +150,7 @@ fn information_of_b(data: &IdData, fitted: &Fitted, stem: &[f64]) -> OverB {
     let x: [Vec<f64>; ORDER] = std::array::from_fn(|j| filtered(data, model, &|k| stem[k - model.nk - j]));
     let y = fitted.hypothesis.pv(data);
     let mut others: Vec<Vec<f64>> = (1..=ORDER).map(|lag| filtered(data, model, &|k| y[k - lag])).collect();
+    others.extend(data.unrecorded.iter().map(|input| filtered(data, model, &|k| input[k])));
     others.push(vec![1.0; data.rows().len()]);
     let weight = &data.weight[data.rows()];
     residual_products(&x, others, weight)

@@ -1,11 +1,10 @@
 //! A hypothesis: a valve with friction or without, and the effects beside it; the signals that drive its linear part.
 
 use super::effect::EffectModel;
-use super::findings::Kind;
+use super::findings::{Kind, Lasting};
 use crate::sysid::armax::{Input, Signals, Smooth};
 use crate::sysid::criterion::REGULAR;
 use crate::sysid::iddata::IdData;
-use crate::sysid::unrecorded::LAGS;
 use crate::sysid::valve::{StopRule, ValveModel};
 use std::borrow::Cow;
 
@@ -53,6 +52,11 @@ impl Hypothesis {
         let mut other = self.clone();
         other.effects.remove(at);
         other
+    }
+
+    /// Whether it has an effect that lasts in this form.
+    pub fn has_lasting(&self, data: &IdData, form: impl Fn(&Lasting) -> bool) -> bool {
+        self.effects.iter().filter_map(|effect| effect.lasting(data)).any(|own| form(&own))
     }
 
     /// Whether it has an effect of this kind.
@@ -126,14 +130,12 @@ impl Hypothesis {
         Cow::Owned(data.y.iter().zip(&offset).map(|(y, offset)| y - offset).collect())
     }
 
-    /// The shapes of all loads: first the lags of OP where OP acts beside the stem ([`IdData::direct`]), then those of what OP tells
-    /// of PV between the samples ([`IdData::unrecorded`]), then those of each effect.
+    /// The shapes of all loads: first the lags of OP where OP acts beside the stem ([`IdData::direct`]), then what OP tells of
+    /// PV beyond its samples ([`IdData::unrecorded`]), then those of each effect.
     pub fn shapes(&self, data: &IdData) -> Vec<Vec<f64>> {
-        let late = |v: &[f64], lag: usize| (0..data.len()).map(|k| v[k.saturating_sub(lag)]).collect();
-        let mut shapes: Vec<Vec<f64>> = (1..=direct_lags(data)).map(|lag| late(&data.u, lag)).collect();
-        if !data.unrecorded.is_empty() {
-            shapes.extend((1..=LAGS).map(|lag| late(&data.unrecorded, lag)));
-        }
+        let late = |lag: usize| (0..data.len()).map(|k| data.u[k.saturating_sub(lag)]).collect();
+        let mut shapes: Vec<Vec<f64>> = (1..=direct_lags(data)).map(late).collect();
+        shapes.extend_from_slice(&data.unrecorded);
         self.effects.iter().for_each(|effect| effect.shapes(data, &mut shapes));
         shapes
     }

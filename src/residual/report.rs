@@ -20,7 +20,7 @@ use crate::diagnosis::verdict::of_archive;
 use crate::diagnosis::{Diagnosis, Model, NotIdentifiable, Verdict};
 use crate::sysid::armax::{Armax, ORDER};
 use crate::sysid::iddata::{IdData, Units};
-use crate::sysid::unrecorded::innovation;
+use crate::sysid::unrecorded::told_by_op;
 use crate::sysid::valve::{Rest, ValveModel};
 
 /// J is another than S where it is told to differ by more than this share of S: no model of a valve holds closer than a tenth,
@@ -109,15 +109,22 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> R
             .apart()
             .is_none();
     let fast = diagnosis.preparation.unseen_moves();
-    let beside = (closed_loop && answer.verdict == Verdict::NoStiction)
+    let shown_in = |data: &IdData, fitted: &Fitted| {
+        let shown = || detectable(data, fitted, settings.evidence_threshold, fast);
+        read_together.then(shown).flatten()
+    };
+    let mut shown = shown_in(&data, &best);
+    // The filter before decimation looks ahead: there OP of a row tells of PV to come, whatever the controller does.
+    let is_whole = closed_loop && diagnosis.preparation.decimation <= 1;
+    let beside = (is_whole && answer.excludes(&data, shown, settings.evidence_threshold))
         .then(|| beside_unrecorded(&data, &best))
         .flatten();
     let (known, none) = beside.as_ref().map_or((&data, &best), |(data, none)| (data, none));
     if beside.is_some() {
-        answer.hides_between_samples(interval(known, &none.hypothesis, fast)[1] * data.units.u);
+        answer.hides_beyond_samples(&data, interval(known, &none.hypothesis, fast)[1]);
+        shown = shown_in(known, none);
     }
-    let shown = || detectable(known, none, settings.evidence_threshold, fast);
-    let f_detectable = answer.bound(&data, read_together.then(shown).flatten());
+    let f_detectable = answer.bound(&data, shown);
     answer.tell_excluded(&data, || excluded_below_the_largest(known, &none.hypothesis, fast));
     let (stem, dir) = best.hypothesis.stem(&data);
     let failed = checks::failed(&data, (&stem, &dir), &after.e, 2 * ORDER);
@@ -261,14 +268,15 @@ fn without_direct(data: &mut IdData, best: Fitted) -> Fitted {
     fit_anew(data, best.hypothesis, None)
 }
 
-/// The record with what OP tells of PV between the samples as an input beside the stem, and the model without friction fitted to it.
+/// The record with what OP tells of PV beyond its samples as inputs beside the stem, and the model without friction fitted to it.
 /// `None` where OP tells nothing of that.
 ///
-/// Without this input no valve predicts PV as well as OP does, whether it sticks or not.
+/// Without these inputs no valve predicts PV as well as OP does, whether it sticks or not.
 fn beside_unrecorded(data: &IdData, none: &Fitted) -> Option<(IdData, Fitted)> {
-    let unrecorded = innovation(&data.u, &data.y, data.sp.as_deref(), |k| data.weight[k] > 0.0)?;
+    let counts = |k: usize| data.weight[k] > 0.0 || data.known[k];
+    let unrecorded = told_by_op(&data.u, &data.y, data.sp.as_deref(), data.gain_sign, counts)?;
     let data = IdData { unrecorded, ..data.clone() };
-    let none = fit_anew(&data, none.hypothesis.clone(), None);
+    let none = fit_anew(&data, none.hypothesis.with_valve(None), None);
     Some((data, none))
 }
 

@@ -47,7 +47,7 @@ pub struct Answer {
     pub by_tracing: bool,
     /// Whether tracing tested friction at all.
     pub asked: bool,
-    /// Whether OP tells of PV between the samples.
+    /// Whether OP tells of PV beyond its samples.
     pub unrecorded: bool,
 }
 
@@ -194,11 +194,28 @@ impl Answer {
             && diagnosis.preparation.compensated == 0.0
     }
 
-    /// Raises the upper end of the interval of f to this f (OP unit), which the record does not exclude once a model of a valve knows
-    /// what OP tells of PV between the samples.
-    pub fn hides_between_samples(&mut self, f: f64) {
-        self.friction.f_ci95[1] = self.friction.f_ci95[1].max(f);
+    /// Whether it excludes friction of some size without friction being believed: only then can it be wrong by what OP tells.
+    ///
+    /// * `detectable`: as in [`Answer::bound`].
+    /// * `evidence`: twice the log odds that a verdict asks for (-).
+    pub fn excludes(&self, data: &IdData, detectable: Option<f64>, evidence: f64) -> bool {
+        let is_denied = self.verdict == Verdict::NoStiction && self.friction.delta_aic <= evidence;
+        let bound = self.friction.f_ci95[1].max(detectable.unwrap_or(0.0) * data.units.u);
+        (is_denied || self.verdict.is_undecided()) && bound < EXCLUDES_NOTHING * data.f_max * data.units.u
+    }
+
+    /// Raises the upper end of the interval of f to this f (standard deviations of OP), which the record does not exclude once a model
+    /// of a valve knows what OP tells of PV beyond its samples.
+    pub fn hides_beyond_samples(&mut self, data: &IdData, f: f64) {
+        let raised = self.friction.f_ci95[1].max(f * data.units.u);
+        self.friction.f_ci95[1] = raised;
         self.unrecorded = true;
+        if let Verdict::NotIdentifiable(NotIdentifiable::Undecided { evidence, contradicted, .. }) =
+            self.verdict
+        {
+            let most = data.units.along_op(raised.min(data.f_max * data.units.u));
+            self.cannot_tell(NotIdentifiable::Undecided { evidence, contradicted, most });
+        }
     }
 
     /// Bounds f from above where the verdict is no stiction. The bound is the larger of two: the end of the interval of f, and

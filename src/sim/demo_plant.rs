@@ -148,8 +148,8 @@ pub fn demo_plant(seed: u64) -> Vec<DemoLoop> {
     plant.mute(Pressure, "frozen PV", freeze);
     plant.sticky(Pressure, "strong stiction", kano(4.0, 1.5), |_| ());
     plant.sound(Pressure, "sound, noisy", |spec| {
-        disturbed(spec);
-        spec.sensor = SensorSpec::noisy(0.4);
+        spec.loads.push(Load::input(LoadKind::Coloured { sd: 2.0, tau_s: 10.0 }));
+        spec.sensor = SensorSpec::noisy(0.05);
     });
     plant.sound(Pressure, "tight tuning", |spec| tight(spec, 2.1));
 
@@ -172,9 +172,10 @@ fn disturbed(spec: &mut LoopSpec) {
     spec.loads.push(Load::input(LoadKind::Coloured { sd: 2.0, tau_s: 40.0 }));
 }
 
+/// A periodic load, beside one that moves OP enough for the record of a sound valve to exclude friction.
 fn oscillating(spec: &mut LoopSpec, amplitude: f64, period_s: f64) {
     spec.loads.push(Load::input(LoadKind::Sine { amplitude, period_s, phase: 0.0, growth_per_s: 0.0 }));
-    spec.loads.push(Load::input(LoadKind::Coloured { sd: 0.3, tau_s: 40.0 }));
+    spec.loads.push(Load::input(LoadKind::Coloured { sd: 1.0, tau_s: 40.0 }));
 }
 
 /// More gain than is good: the loop rings on every disturbance.

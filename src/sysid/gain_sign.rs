@@ -13,7 +13,7 @@ use super::ols::Ols;
 
 /// Lags of PV and of the set point: those of a PID.
 const LAGS: usize = 3;
-/// Two-sided 0.2 % point of the normal distribution: a smaller |t| may be chance.
+/// Two-sided 0.2 % point of the normal distribution, one-sided 0.1 %: a smaller |t| may be chance.
 pub(super) const SIGNIFICANT: f64 = 3.09;
 /// Largest share of the variance of OP's changes that the equation may leave: a feed-forward, another loop or a wrong clock leaves
 /// more.

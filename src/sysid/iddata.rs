@@ -34,9 +34,8 @@ pub struct IdData {
     /// Whether OP is a second input, `D(q) u`, beside a stem that sticks. With a feed-forward or a slow controller, OP reacts to
     /// loads before PV shows them. A stem without friction is OP itself and needs no such term.
     pub direct: bool,
-    /// What OP tells of PV between the samples ([`super::unrecorded`]), an input beside the stem with lags of its own; empty where it
-    /// is no input.
-    pub unrecorded: Vec<f64>,
+    /// What OP tells of PV beyond its samples ([`super::unrecorded`]): inputs beside the stem, each with one value a row.
+    pub unrecorded: Vec<Vec<f64>>,
     /// Sign of the process gain, +1 or -1, where OP shows it ([`super::gain_sign`]).
     pub gain_sign: Option<f64>,
     /// The extremum of OP at which stems start.

@@ -12,7 +12,7 @@
 //! | the model selection criterion: the penalty of a coefficient, a threshold, a change time, a frequency | [`criterion`] |
 //! | the sign of the process gain | [`gain_sign`] |
 //! | the equation of the controller: whether it holds but for rounding | [`controller`] |
-//! | what OP tells of PV between the samples | [`unrecorded`] |
+//! | what OP tells of PV beyond its samples | [`unrecorded`] |
 //! | whether PV follows the stem or OP | [`encompass`] |
 //! | Gram matrices, Cholesky factors, regressions with t values | [`gram`], [`least_squares`], [`ols`] |
 //! | zeros of a polynomial, and how they are kept inside a circle | [`zeros`] |

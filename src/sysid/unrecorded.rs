@@ -1,74 +1,105 @@
-//! What OP tells of PV between the samples.
+//! What OP tells of PV beyond its samples.
 //!
 //! ```text
 //! du[k] = c + sum_{i=0}^{2} g_i y[k-i] + sum_{i=1}^{2} h_i du[k-i] + sum_{i=0}^{2} r_i sp[k-i] + w[k],   du[k] = u[k] - u[k-1]
 //! y[k]  = c + sum_{i=1}^{16} a_i y[k-i] + sum_{j=1}^{14} d_j w[k-j] + e[k]
 //! ```
 //!
-//! `w` is the innovation of OP: what it does that the recorded PV does not explain. A controller that acts on the recorded samples
-//! alone leaves rounding in `w`. One that acts more often leaves its reaction to PV between the samples, above all in its integral,
-//! so that OP predicts PV without moving it. Such an OP predicts PV better than the stem of any valve does.
+//! `w` is the innovation of OP: what OP does that the recorded PV does not explain. A controller that acts on the recorded samples
+//! alone leaves little in it. One that acts more often leaves its reaction to PV between the samples, above all in its integral. So
+//! does one that sees PV finer than it is recorded. Such an OP predicts PV without moving it, and better than the stem of any valve.
 //!
-//! Feedback is negative: PV moved by the valve has the sign opposite to that of the PV to which OP reacted. So where the `d_j` have
-//! the sign of the reaction, OP tells of PV.
+//! The sign tells the two apart, because feedback is negative. Say the gain is positive, and OP rises because PV has fallen between
+//! two samples. The next PV is low then: `d_j` has the sign of `g_0`. Where the valve moves PV, it rises: `d_j` has the other sign.
+//! A process answers late. So the first lags tell of PV, up to the one at which the sum of the `d_j` is largest.
 
 use super::arx::{LAGS_X, LAGS_Y};
 use super::controller::LAGS as OF_CONTROLLER;
 use super::gain_sign::SIGNIFICANT;
 use super::ols::Ols;
 
-/// Lags of the innovation that a model of PV has beside the stem: as many as it has of the stem, so that it knows of OP what a model
-/// without friction knows.
-pub const LAGS: usize = LAGS_X;
-/// Lags of the innovation whose sum is tested beside the first: those of an integral, which remembers.
+/// Most lags of the innovation beside the stem: as many as of the stem, so that friction knows of OP what no friction knows.
+const LAGS: usize = LAGS_X;
+/// Lags of the innovation whose sum is tested, beside the first: those of an integral, which remembers.
 const REMEMBERED: usize = 4;
 
-/// The innovation of OP, one value for each row, where it tells of PV between the samples; `None` where it does not. It is 0 where
-/// a row that it needs does not count.
+/// The lags of OP's innovation that tell of PV, each with one value a row: inputs of PV beside the stem. `None` where none does. An
+/// innovation is 0 where a row that it needs does not count.
 ///
 /// * `u`, `y`, `sp`: OP, PV and set point, one value for each row, in any units.
+/// * `gain_sign`: the sign of the process gain (+1 or -1), where it is known.
 /// * `counts`: whether a row counts.
-pub fn innovation(
+pub fn told_by_op(
     u: &[f64],
     y: &[f64],
     sp: Option<&[f64]>,
+    gain_sign: Option<f64>,
     counts: impl Fn(usize) -> bool,
-) -> Option<Vec<f64>> {
+) -> Option<Vec<Vec<f64>>> {
     let counts: Vec<bool> = (0..u.len()).map(counts).collect();
-    let whole = |k: &usize, lags: usize| counts[k - lags..=*k].iter().all(|own| *own);
-    let at =
-        |rows: &[usize], v: &[f64], lag: usize| -> Vec<f64> { rows.iter().map(|k| v[k - lag]).collect() };
+    let (w, reaction) = innovation(u, y, sp, &counts)?;
+    // The equation of a controller that does not hold may show the reaction of PV to OP in place of that of OP to PV.
+    let reaction = gain_sign.map(|gain| -gain).or(reaction)?;
+    let known = |k: usize| w[k].is_some();
+    let rows: Vec<usize> = (LAGS_Y.max(LAGS)..u.len())
+        .filter(|k| counts[*k] && (1..=REMEMBERED).all(|lag| known(k - lag)))
+        .collect();
+    let w: Vec<f64> = w.into_iter().map(Option::unwrap_or_default).collect();
+    let mut columns = vec![vec![1.0; rows.len()]];
+    columns.extend((1..=LAGS_Y).map(|lag| lagged(&rows, y, lag)));
+    let first = columns.len();
+    columns.extend((1..=LAGS).map(|lag| lagged(&rows, &w, lag)));
+    let process = Ols::new(&columns, &lagged(&rows, y, 0))?;
+    let tells = |lags: usize| reaction * process.t(first + lags, first..first + lags) > SIGNIFICANT;
+    if !(tells(1) || tells(REMEMBERED)) {
+        return None;
+    }
+    let mut sums = vec![0.0];
+    for d in &process.theta(columns.len())[first..] {
+        sums.push(sums[sums.len() - 1] + reaction * d);
+    }
+    let lags = (0..sums.len()).max_by(|a, b| sums[*a].total_cmp(&sums[*b]))?;
+    let input = |lag: usize| (0..w.len()).map(|k| w[k.saturating_sub(lag)]).collect();
+    (lags > 0).then(|| (1..=lags).map(input).collect())
+}
 
+/// The innovation of OP, where the rows that it needs count, and the sign of the controller's reaction to PV, where that shows.
+fn innovation(
+    u: &[f64],
+    y: &[f64],
+    sp: Option<&[f64]>,
+    counts: &[bool],
+) -> Option<(Vec<Option<f64>>, Option<f64>)> {
     let change: Vec<f64> = (0..u.len()).map(|k| u[k] - u[k.saturating_sub(1)]).collect();
     let [of_pv, of_changes, of_sp] = OF_CONTROLLER;
-    let rows: Vec<usize> = (of_changes + 1..u.len()).filter(|k| whole(k, of_changes + 1)).collect();
+    let rows: Vec<usize> = (of_changes + 1..u.len())
+        .filter(|k| counts[k - of_changes - 1..=*k].iter().all(|own| *own))
+        .collect();
     let mut columns = vec![vec![1.0; rows.len()]];
-    columns.extend((0..of_pv).map(|lag| at(&rows, y, lag)));
-    columns.extend((1..=of_changes).map(|lag| at(&rows, &change, lag)));
-    columns.extend(
-        sp.into_iter()
-            .flat_map(|sp| (0..of_sp).map(move |lag| (sp, lag)))
-            .map(|(sp, lag)| at(&rows, sp, lag)),
-    );
-    let controller = Ols::new(&columns, &at(&rows, &change, 0))?;
-    // OP of a row may have been written before PV of that row was read.
-    let reactions = (1..=of_pv).map(|column| controller.t(columns.len(), column..column + 1));
-    let reaction = reactions.into_iter().find(|t| t.abs() > SIGNIFICANT)?;
-    let theta = controller.theta(columns.len());
-    let mut w = vec![0.0; u.len()];
-    for (i, k) in rows.iter().enumerate() {
-        w[*k] = change[*k] - columns.iter().zip(&theta).map(|(column, theta)| column[i] * theta).sum::<f64>();
+    columns.extend((0..of_pv).map(|lag| lagged(&rows, y, lag)));
+    columns.extend((1..=of_changes).map(|lag| lagged(&rows, &change, lag)));
+    if let Some(sp) = sp {
+        columns.extend((0..of_sp).map(|lag| lagged(&rows, sp, lag)));
     }
+    let controller = Ols::new(&columns, &lagged(&rows, &change, 0))?;
+    let t =
+        |of: std::ops::Range<usize>| Some(controller.t(columns.len(), of)).filter(|t| t.abs() > SIGNIFICANT);
+    // OP of a row may have been written before PV of that row was read.
+    let first = (1..=of_pv).find_map(|column| t(column..column + 1));
+    let integral = t(1..1 + of_pv);
+    let is_plain = |first: &f64| integral.is_none_or(|integral| integral.signum() == first.signum());
+    let theta = controller.theta(columns.len());
+    let mut w = vec![None; u.len()];
+    for (i, k) in rows.iter().enumerate() {
+        let explained: f64 = columns.iter().zip(&theta).map(|(column, theta)| column[i] * theta).sum();
+        w[*k] = Some(change[*k] - explained);
+    }
+    Some((w, first.filter(is_plain).map(f64::signum)))
+}
 
-    let longest = LAGS_Y.max(LAGS);
-    let rows: Vec<usize> = (longest..u.len()).filter(|k| whole(k, longest)).collect();
-    let mut columns = vec![vec![1.0; rows.len()]];
-    columns.extend((1..=LAGS_Y).map(|lag| at(&rows, y, lag)));
-    columns.extend((1..=REMEMBERED).map(|lag| at(&rows, &w, lag)));
-    let process = Ols::new(&columns, &at(&rows, y, 0))?;
-    let first = LAGS_Y + 1;
-    let tells = |lags: usize| reaction.signum() * process.t(columns.len(), first..first + lags) > SIGNIFICANT;
-    (tells(1) || tells(REMEMBERED)).then_some(w)
+/// `v` of these rows, so many rows earlier.
+fn lagged(rows: &[usize], v: &[f64], lag: usize) -> Vec<f64> {
+    rows.iter().map(|k| v[k - lag]).collect()
 }
 
 #[cfg(test)]
@@ -103,7 +134,7 @@ mod tests {
 
     fn tells(gain: f64, f: f64, scans: usize, other: f64, seed: u64) -> bool {
         let [u, y, sp] = record(gain, f, scans, other, seed);
-        innovation(&u, &y, Some(&sp), |_| true).is_some()
+        told_by_op(&u, &y, Some(&sp), None, |_| true).is_some()
     }
 
     #[test]
@@ -124,13 +155,31 @@ mod tests {
     }
 
     #[test]
-    fn rows_that_do_not_count_have_no_innovation() {
+    fn only_lags_that_tell_of_pv_are_inputs() {
+        // The valve follows OP: from some lag on, PV answers.
+        let [u, y, sp] = record(2.0, 0.0, 4, 0.0, 1);
+        let inputs = told_by_op(&u, &y, Some(&sp), Some(1.0), |_| true).expect("it tells");
+        assert!((1..LAGS).contains(&inputs.len()), "{}", inputs.len());
+        assert_eq!(told_by_op(&u, &y, Some(&sp), Some(-1.0), |_| true), None, "the other gain");
+    }
+
+    #[test]
+    fn missing_rows_leave_the_others() {
         let [u, mut y, sp] = record(2.0, 0.0, 10, 0.0, 1);
         y[700] = 1e6;
-        let w = innovation(&u, &y, Some(&sp), |k| k != 700).expect("it tells");
-        assert_eq!(&w[700..704], [0.0; 4]);
-        assert!(w.iter().all(|w| w.abs() < 1.0));
-        assert_eq!(innovation(&u[..20], &y[..20], None, |_| true), None, "too short");
-        assert_eq!(innovation(&[], &[], None, |_| true), None);
+        let inputs = told_by_op(&u, &y, Some(&sp), None, |k| k != 700).expect("it tells");
+        assert_eq!(&inputs[0][701..705], [0.0; 4]);
+        assert!(inputs.iter().flatten().all(|w| w.abs() < 1.0));
+        // Every eleventh row is missing: the model fills its PV.
+        let [u, y, sp] = record(2.0, 0.0, 10, 0.0, 1);
+        assert!(told_by_op(&u, &y, Some(&sp), None, |k| k % 11 != 0).is_some());
+    }
+
+    #[test]
+    fn a_short_record_tells_nothing() {
+        let [u, y, _] = record(2.0, 0.0, 10, 0.0, 1);
+        assert_eq!(told_by_op(&u[..20], &y[..20], None, None, |_| true), None);
+        assert_eq!(told_by_op(&[], &[], None, None, |_| true), None);
+        assert_eq!(told_by_op(&u, &vec![1.0; u.len()], None, None, |_| true), None, "PV stands still");
     }
 }

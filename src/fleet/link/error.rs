@@ -22,8 +22,8 @@ pub enum LinkError {
     /// The server reserves the room of a stream when the stream is made, and has not got it.
     #[error(
         "NATS: the server has no room for the {megabytes} MB of the stream {stream}: raise max_file_store in its \
-         configuration, free its disk (it takes three quarters of what is free unless told), or lower samples_mb, \
-         diagnoses_mb or alarms_mb in [fleet]"
+         configuration or the account's limit there, free its disk (it takes three quarters of what is free unless told), or \
+         lower samples_mb, diagnoses_mb or alarms_mb in [fleet]"
     )]
     NoRoom {
         /// Its name.
@@ -33,12 +33,17 @@ pub enum LinkError {
     },
 }
 
+/// What a server answers that has no room for a stream: none on its disk, none left of what it may take, none left to the account.
+const NO_ROOM: [ErrorCode; 3] = [
+    ErrorCode::STORAGE_RESOURCES_EXCEEDED,
+    ErrorCode::INSUFFICIENT_RESOURCES,
+    ErrorCode::ACCOUNT_RESOURCES_EXCEEDED,
+];
+
 /// Why a stream is not made.
 pub(super) fn unmade(error: &CreateStreamError, wanted: &Config) -> LinkError {
     match error.kind() {
-        CreateStreamErrorKind::JetStream(own)
-            if own.error_code() == ErrorCode::STORAGE_RESOURCES_EXCEEDED =>
-        {
+        CreateStreamErrorKind::JetStream(own) if NO_ROOM.contains(&own.error_code()) => {
             LinkError::NoRoom { stream: wanted.name.clone(), megabytes: wanted.max_bytes / 1_000_000 }
         }
         _ => away(error),

@@ -60,6 +60,14 @@ fn all() -> String {
         let told = Verdict { reason_code: Some(reason.code()), ..verdict("not_identifiable", None, None) };
         line(&told.words());
     }
+    let hidden = NotIdentifiable::HiddenFriction {
+        reversal: "3.1 % OP".into(),
+        friction: Some("3.1 % OP".into()),
+        excluded: None,
+        unrecorded: true,
+    };
+    let (reason, reason_code) = (hidden.to_string(), Some(hidden.code()));
+    line(&Verdict { reason: &reason, reason_code, ..verdict("not_identifiable", None, None) }.words());
     line("\nWhile a term of write-back acts");
     for (outcome, f, seen) in [
         ("stiction", Some(2.44), Seen::Consistent),

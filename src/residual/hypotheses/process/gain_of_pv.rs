@@ -73,8 +73,45 @@ impl Propose for GainsOfPv {
         Kind::StaticNonlinearity
     }
     fn propose(&self, screen: &Screen<'_>) -> Vec<Proposal> {
+        // A second one would make a curve of higher order, and the two sentences could contradict each other.
+        if screen.hypothesis().has_lasting(screen.data, |own| matches!(own, Lasting::GainOfPv { .. })) {
+            return Vec::new();
+        }
         let product: Vec<f64> = screen.signals.x.iter().zip(&screen.data.y).map(|(x, y)| x * y).collect();
         let (gain, r) = screen.armax.single_gain(screen.stem_regressor(&product));
         vec![Proposal::new(GainOfPv { r: r.clamp(-0.5 * MOST, 0.5 * MOST) }, gain)]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::residual::fit::fit_anew;
+    use crate::residual::hypotheses::valve::characteristic::{self, Characteristics};
+    use crate::residual::hypothesis::Hypothesis;
+    use crate::signal::Window;
+    use crate::sysid::valve::Start;
+
+    #[test]
+    fn one_gain_of_pv_and_one_characteristic_are_enough() {
+        let op: Vec<f64> = (0..600).map(|k| (0.11 * k as f64).sin() + (0.043 * k as f64).cos()).collect();
+        let mut pv = vec![0.0; op.len()];
+        for k in 1..op.len() {
+            pv[k] = 0.8 * pv[k - 1] + 0.2 * (1.0 + 0.3 * pv[k - 1]) * op[k - 1];
+        }
+        let window = Window { ts: 1.0, op, pv, ..Window::default() };
+        let data = IdData::new(&window, Start { index: 0, is_max: true }).expect("long enough");
+        let proposed = |effects: [Option<Box<dyn EffectModel>>; 2]| {
+            let hypothesis =
+                effects.into_iter().flatten().fold(Hypothesis::default(), |all, own| all.with(own));
+            let fitted = fit_anew(&data, hypothesis, None);
+            let screen = Screen::new(&data, &fitted);
+            [GainsOfPv.propose(&screen).len(), Characteristics.propose(&screen).len()]
+        };
+        let (gain, curve) = (|| restored(&data, 0.1), || characteristic::restored(&data, 0.1));
+        assert_eq!(proposed([None, None]), [1, 1]);
+        assert_eq!(proposed([gain(), None]), [0, 1]);
+        assert_eq!(proposed([None, curve()]), [1, 0]);
+        assert_eq!(proposed([gain(), curve()]), [0, 0]);
     }
 }

@@ -95,6 +95,10 @@ impl Propose for Characteristics {
         Kind::StaticNonlinearity
     }
     fn propose(&self, screen: &Screen<'_>) -> Vec<Proposal> {
+        // A second one would make a curve of higher order, and the two sentences could contradict each other.
+        if screen.hypothesis().has_lasting(screen.data, |own| matches!(own, Lasting::Characteristic { .. })) {
+            return Vec::new();
+        }
         let square: Vec<f64> = screen.signals.x.iter().map(|x| 0.5 * x * x).collect();
         let (gain, q) = screen.armax.single_gain(screen.stem_regressor(&square));
         // At most half of the largest curvature, so that the fit can go both ways.
