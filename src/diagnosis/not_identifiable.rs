@@ -8,7 +8,9 @@ use std::fmt;
 pub(super) const LEAST_EXTREMA: usize = 4;
 
 /// Why friction may hide although the record would exclude it otherwise, in a sentence.
-pub const BEYOND_SAMPLES: &str = "OP tells more of PV than the samples of PV do";
+pub fn beyond_samples() -> &'static str {
+    "OP tells more of PV than the samples of PV do"
+}
 
 /// The reason of the verdict `not_identifiable`.
 #[derive(Clone, Debug, PartialEq)]
@@ -285,7 +287,8 @@ impl fmt::Display for NotIdentifiable {
                 };
                 let beside = match unrecorded {
                     true => format!(
-                        ", because {BEYOND_SAMPLES}; if the controller acts between them, read OP and PV at each of its scans"
+                        ", because {}; if the controller acts between them, read OP and PV at each of its scans",
+                        beyond_samples()
                     ),
                     false => " beside what else moves PV".to_string(),
                 };

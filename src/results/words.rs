@@ -3,7 +3,7 @@
 
 use super::{Compensated, Seen, Summary, f_unit};
 use crate::compensation::gate::{Cause, Denial};
-use crate::diagnosis::not_identifiable::BEYOND_SAMPLES;
+use crate::diagnosis::not_identifiable::beyond_samples;
 use crate::signal::{self, trimmed};
 
 mod effects;
@@ -220,7 +220,7 @@ impl Verdict<'_> {
                 // Which tag and since when stands in the reason alone.
                 let silent = self.reason_code == Some("silent");
                 let why = self.reason.strip_prefix("silent: ").filter(|_| silent).unwrap_or(why);
-                let check = match self.reason.contains(BEYOND_SAMPLES) {
+                let check = match self.reason.contains(beyond_samples()) {
                     true => " Read OP and PV at every scan of the controller.",
                     false => check,
                 };

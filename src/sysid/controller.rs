@@ -36,7 +36,7 @@ const PASSES: usize = 30;
 /// Relative change of the scale at which the passes end: the log-likelihood of a row changes by no more.
 const SETTLED: f64 = 1e-3;
 /// Finest step that is looked for, in standard deviations of the signal: finer ones explain less than [`EXACT`] by far.
-const FINEST: f64 = 1e-6;
+pub const FINEST: f64 = 1e-6;
 /// Distance of a value from a whole number of steps that arithmetic explains (steps).
 const OFF: f64 = 0.05;
 /// Least share of the values that are a whole number of steps: the others may stand in for missing samples. One value in ten is by

@@ -14,7 +14,7 @@
 //! A process answers late. So the first lags tell of PV, up to the one at which the sum of the `d_j` is largest.
 
 use super::arx::{LAGS_X, LAGS_Y};
-use super::controller::LAGS as OF_CONTROLLER;
+use super::controller::{FINEST, LAGS as OF_CONTROLLER};
 use super::gain_sign::SIGNIFICANT;
 use super::ols::Ols;
 
@@ -82,6 +82,10 @@ fn innovation(
         columns.extend((0..of_sp).map(|lag| lagged(&rows, sp, lag)));
     }
     let controller = Ols::new(&columns, &lagged(&rows, &change, 0))?;
+    // What is left of an exact controller is the error of arithmetic.
+    if controller.rest(columns.len()) <= FINEST * FINEST * controller.rest(1) {
+        return None;
+    }
     let t =
         |of: std::ops::Range<usize>| Some(controller.t(columns.len(), of)).filter(|t| t.abs() > SIGNIFICANT);
     // OP of a row may have been written before PV of that row was read.
