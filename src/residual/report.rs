@@ -115,14 +115,16 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> R
     };
     let mut shown = shown_in(&data, &best);
     // The filter before decimation looks ahead: there OP of a row tells of PV to come, whatever the controller does.
-    let is_whole = closed_loop && diagnosis.preparation.decimation <= 1;
-    let beside = (is_whole && answer.excludes(&data, shown, settings.evidence_threshold))
+    let may_tell = closed_loop && diagnosis.preparation.decimation <= 1;
+    let beside = (may_tell && answer.is_open(settings.evidence_threshold))
         .then(|| beside_unrecorded(&data, &best))
         .flatten();
     let (known, none) = beside.as_ref().map_or((&data, &best), |(data, none)| (data, none));
-    if beside.is_some() {
+    if beside.is_some() && answer.excludes(&data, shown) {
         answer.hides_beyond_samples(&data, interval(known, &none.hypothesis, fast)[1]);
-        shown = shown_in(known, none);
+        // Knowing more of OP never makes less friction show.
+        let anew = shown_in(known, none);
+        shown = shown.zip(anew).map(|(before, anew)| before.max(anew)).or(shown).or(anew);
     }
     let f_detectable = answer.bound(&data, shown);
     answer.tell_excluded(&data, || excluded_below_the_largest(known, &none.hypothesis, fast));
@@ -276,7 +278,7 @@ fn beside_unrecorded(data: &IdData, none: &Fitted) -> Option<(IdData, Fitted)> {
     let counts = |k: usize| data.weight[k] > 0.0 || data.known[k];
     let unrecorded = told_by_op(&data.u, &data.y, data.sp.as_deref(), data.gain_sign, counts)?;
     let data = IdData { unrecorded, ..data.clone() };
-    let none = fit_anew(&data, none.hypothesis.with_valve(None), None);
+    let none = fit_anew(&data, none.hypothesis.clone(), None);
     Some((data, none))
 }
 

@@ -194,14 +194,22 @@ impl Answer {
             && diagnosis.preparation.compensated == 0.0
     }
 
-    /// Whether it excludes friction of some size without friction being believed: only then can it be wrong by what OP tells.
+    /// Whether it denies friction, or leaves it undecided. Friction that is shown and too small to matter is neither: it holds against
+    /// whatever OP tells.
     ///
-    /// * `detectable`: as in [`Answer::bound`].
     /// * `evidence`: twice the log odds that a verdict asks for (-).
-    pub fn excludes(&self, data: &IdData, detectable: Option<f64>, evidence: f64) -> bool {
-        let is_denied = self.verdict == Verdict::NoStiction && self.friction.delta_aic <= evidence;
-        let bound = self.friction.f_ci95[1].max(detectable.unwrap_or(0.0) * data.units.u);
-        (is_denied || self.verdict.is_undecided()) && bound < EXCLUDES_NOTHING * data.f_max * data.units.u
+    pub fn is_open(&self, evidence: f64) -> bool {
+        self.verdict.is_undecided()
+            || self.verdict == Verdict::NoStiction && self.friction.delta_aic <= evidence
+    }
+
+    /// Whether the bound on f excludes friction of some size.
+    ///
+    /// * `detectable`: as in [`Answer::bound`]; the bound of an undecided record does not have it.
+    pub fn excludes(&self, data: &IdData, detectable: Option<f64>) -> bool {
+        let least = detectable.filter(|_| !self.verdict.is_undecided()).unwrap_or(0.0);
+        let bound = self.friction.f_ci95[1].max(least * data.units.u);
+        bound < EXCLUDES_NOTHING * data.f_max * data.units.u
     }
 
     /// Raises the upper end of the interval of f to this f (standard deviations of OP), which the record does not exclude once a model

@@ -221,7 +221,9 @@ impl Verdict<'_> {
                 let silent = self.reason_code == Some("silent");
                 let why = self.reason.strip_prefix("silent: ").filter(|_| silent).unwrap_or(why);
                 let check = match self.reason.contains(beyond_samples()) {
-                    true => " Read OP and PV at every scan of the controller.",
+                    true => {
+                        " If the controller acts between the samples, read OP and PV at each of its scans."
+                    }
                     false => check,
                 };
                 let begin = match self.reason_code == Some("undecided") {

@@ -11,16 +11,17 @@
 //!
 //! The sign tells the two apart, because feedback is negative. Say the gain is positive, and OP rises because PV has fallen between
 //! two samples. The next PV is low then: `d_j` has the sign of `g_0`. Where the valve moves PV, it rises: `d_j` has the other sign.
-//! A process answers late. So the first lags tell of PV, up to the one at which the sum of the `d_j` is largest.
+//! A process answers late. So the first lags tell of PV, up to the one at which the sum of the `d_j` is farthest in the direction of
+//! `g_0`. Whether they tell at all is tested with one lag of `w`, and with four.
 
 use super::arx::{LAGS_X, LAGS_Y};
 use super::controller::{FINEST, LAGS as OF_CONTROLLER};
 use super::gain_sign::SIGNIFICANT;
 use super::ols::Ols;
 
-/// Most lags of the innovation beside the stem: as many as of the stem, so that friction knows of OP what no friction knows.
+/// Most lags of the innovation that are inputs beside the stem: as many as of the stem.
 const LAGS: usize = LAGS_X;
-/// Lags of the innovation whose sum is tested, beside the first: those of an integral, which remembers.
+/// So many first lags are tested by their sum, too: an integral remembers.
 const REMEMBERED: usize = 4;
 
 /// The lags of OP's innovation that tell of PV, each with one value a row: inputs of PV beside the stem. `None` where none does. An
@@ -38,7 +39,7 @@ pub fn told_by_op(
 ) -> Option<Vec<Vec<f64>>> {
     let counts: Vec<bool> = (0..u.len()).map(counts).collect();
     let (w, reaction) = innovation(u, y, sp, &counts)?;
-    // The equation of a controller that does not hold may show the reaction of PV to OP in place of that of OP to PV.
+    // Where the sign of the gain is known it is taken, because it was tested more strictly; else the sign of this equation.
     let reaction = gain_sign.map(|gain| -gain).or(reaction)?;
     let known = |k: usize| w[k].is_some();
     let rows: Vec<usize> = (LAGS_Y.max(LAGS)..u.len())
