@@ -35,7 +35,8 @@ pub const MARGIN: f64 = 2.0;
 const PASSES: usize = 30;
 /// Relative change of the scale at which the passes end: the log-likelihood of a row changes by no more.
 const SETTLED: f64 = 1e-3;
-/// Finest step that is looked for, in standard deviations of the signal: finer ones explain less than [`EXACT`] by far.
+/// Finest step that is looked for, in standard deviations of the signal: finer ones explain less than [`EXACT`] by far. An error of
+/// the equation that is smaller yet is one of arithmetic.
 pub const FINEST: f64 = 1e-6;
 /// Distance of a value from a whole number of steps that arithmetic explains (steps).
 const OFF: f64 = 0.05;
