@@ -5,7 +5,7 @@
 //! and that of a fault of the data in [`super::data_quality`].
 
 use super::checks;
-use super::data_quality::{Fact, of_gate};
+use super::data_quality::{Fact, is_measured, of_gate};
 use super::detectable::detectable;
 use super::effect::EffectModel;
 use super::findings::{Curves, Described, Effect, Evidence, Findings, Kind, Lasting, Structure, Traced};
@@ -122,7 +122,7 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> R
     let (known, none) = beside.as_ref().map_or((&data, &best), |(data, none)| (data, none));
     if beside.is_some() && answer.excludes(&data, shown) {
         answer.hides_beyond_samples(&data, interval(known, &none.hypothesis, fast)[1]);
-        // Knowing more of OP never makes less friction show.
+        // What OP tells only ever raises the bound.
         let anew = shown_in(known, none);
         shown = shown.zip(anew).map(|(before, anew)| before.max(anew)).or(shown).or(anew);
     }
@@ -275,8 +275,8 @@ fn without_direct(data: &mut IdData, best: Fitted) -> Fitted {
 ///
 /// Without these inputs no valve predicts PV as well as OP does, whether it sticks or not.
 fn beside_unrecorded(data: &IdData, none: &Fitted) -> Option<(IdData, Fitted)> {
-    let counts = |k: usize| data.weight[k] > 0.0 || data.known[k];
-    let unrecorded = told_by_op(&data.u, &data.y, data.sp.as_deref(), data.gain_sign, counts)?;
+    let unrecorded =
+        told_by_op(&data.u, &data.y, data.sp.as_deref(), data.gain_sign, |k| is_measured(data, k))?;
     let data = IdData { unrecorded, ..data.clone() };
     let none = fit_anew(&data, none.hypothesis.clone(), None);
     Some((data, none))

@@ -29,7 +29,7 @@ pub(super) fn measured(data: &IdData, signal: &[f64]) -> Vec<f64> {
 }
 
 /// Whether PV was measured at sample `k`, or is known although no sample was sent.
-pub(super) fn is_measured(data: &IdData, k: usize) -> bool {
+pub(in crate::residual) fn is_measured(data: &IdData, k: usize) -> bool {
     data.weight[k] > 0.0 || data.known[k]
 }
 

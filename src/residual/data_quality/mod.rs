@@ -10,6 +10,7 @@ pub mod quantised;
 
 pub use clock::of_gate;
 pub use fact::Fact;
+pub(in crate::residual) use fact::is_measured;
 
 use crate::sysid::iddata::IdData;
 use fact::measured;
