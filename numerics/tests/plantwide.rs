@@ -156,6 +156,7 @@ fn tight(seed: u64) -> Run {
         sensor: SensorSpec::noisy(0.05),
         sp: 50.0,
         sp_schedule: (0..12).map(step).collect(),
+        sp_steps: None,
         ts_s: 1.0,
         op0: 50.0,
         pv0: 50.0,

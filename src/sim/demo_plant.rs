@@ -3,7 +3,7 @@
 
 use super::controller::{ControllerSpec, Mode};
 use super::load::{Load, LoadKind};
-use super::plant::LoopSpec;
+use super::plant::{LoopSpec, SetPointSteps};
 use super::process::{ProcessKind, ProcessSpec};
 use super::scenarios::Truth;
 use super::sensor::{Freeze, SensorSpec};
@@ -13,6 +13,10 @@ use super::valve::{Friction, ValveSpec};
 pub const TS_S: f64 = 0.5;
 /// |Δop| up to this stops a stem (%).
 const RESOLUTION: f64 = 0.005;
+
+/// The set-point steps of loops that OP alone would tell too little of. A controller that acts between two samples tells more of PV
+/// through OP than the samples of PV do, so that loads alone hide friction.
+const SP_STEPS: SetPointSteps = SetPointSteps { every_s: 300.0, size: 4.0 };
 
 /// What a diagnosis ought to say about a loop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -91,6 +95,7 @@ impl Class {
             sensor: SensorSpec::noisy(0.02),
             sp: 50.0,
             sp_schedule: Vec::new(),
+            sp_steps: None,
             ts_s: TS_S,
             op0: 50.0,
             pv0: 50.0,
@@ -134,6 +139,8 @@ pub fn demo_plant(seed: u64) -> Vec<DemoLoop> {
     plant.mute(Flow, "saturated", |spec| spec.sp = 130.0);
     plant.sticky(Flow, "dead band only", kano(4.0, 0.0), |spec| {
         spec.loads.push(Load::input(LoadKind::Coloured { sd: 2.0, tau_s: 200.0 }));
+        // Steps that OP follows far beyond the dead band.
+        spec.sp_steps = Some(SetPointSteps { size: 8.0, ..SP_STEPS });
     });
     plant.sticky(Flow, "stiction, noisy", choudhury(6.0, 2.0), |spec| {
         spec.sensor = SensorSpec::noisy(0.15);
@@ -197,7 +204,10 @@ struct Builder {
 
 impl Builder {
     fn sound(&mut self, class: Class, kind: &str, change: impl FnOnce(&mut LoopSpec)) {
-        self.push(class, kind, Expected::NoStiction, Friction::Ideal, change);
+        self.push(class, kind, Expected::NoStiction, Friction::Ideal, |spec| {
+            spec.sp_steps = Some(SP_STEPS);
+            change(spec);
+        });
     }
 
     fn sticky(&mut self, class: Class, kind: &str, friction: Friction, change: impl FnOnce(&mut LoopSpec)) {

@@ -17,7 +17,7 @@ pub mod valve;
 pub use controller::{Controller, ControllerSpec, Mode};
 pub use demo_plant::{Class, DemoLoop, Expected, demo_plant};
 pub use load::{At, Load, LoadKind};
-pub use plant::{LoopSim, LoopSpec, Point, Recording, Run, SpecError, simulate};
+pub use plant::{LoopSim, LoopSpec, Point, Recording, Run, SetPointSteps, SpecError, simulate};
 pub use process::{Process, ProcessKind, ProcessSpec};
 pub use scenarios::{Scenario, Truth, reverses_beyond};
 pub use sensor::{Freeze, Outliers, Sensor, SensorSpec};

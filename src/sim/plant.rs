@@ -27,12 +27,30 @@ pub struct LoopSpec {
     pub sp: f64,
     /// Later set points, (time (s), set point (%)) by increasing time.
     pub sp_schedule: Vec<(f64, f64)>,
+    /// Set-point steps for as long as the loop runs, added to the set point.
+    pub sp_steps: Option<SetPointSteps>,
     /// Sample period of the controller and the valve (s).
     pub ts_s: f64,
     /// OP at rest (%).
     pub op0: f64,
     /// PV at rest (%).
     pub pv0: f64,
+}
+
+/// Up and down again, each time after the same time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SetPointSteps {
+    /// Time between two steps (s).
+    pub every_s: f64,
+    /// Size of a step (%).
+    pub size: f64,
+}
+
+impl SetPointSteps {
+    /// What is added to the set point at this time (%); `t` in s from the start, which is down.
+    fn at(self, t: f64) -> f64 {
+        if (t / self.every_s).floor() % 2.0 == 0.0 { 0.0 } else { self.size }
+    }
 }
 
 /// Why a loop cannot be simulated.
@@ -103,6 +121,7 @@ pub struct LoopSim {
     sp: f64,
     sp_schedule: Vec<(f64, f64)>,
     next_sp: usize,
+    sp_steps: Option<SetPointSteps>,
     rng: Pcg64Mcg,
     ts_s: f64,
     flow0: f64,
@@ -131,6 +150,7 @@ impl LoopSim {
             sp: spec.sp,
             sp_schedule: spec.sp_schedule.clone(),
             next_sp: 0,
+            sp_steps: spec.sp_steps,
             rng,
             ts_s: spec.ts_s,
             flow0: spec.valve.flow(rest),
@@ -169,11 +189,12 @@ impl LoopSim {
         }
         let y = self.pv0 + self.process.output() + at_output;
         let pv = self.sensor.step(t, y, &mut self.rng);
-        let op = self.controller.step(self.sp, pv);
+        let sp = self.sp + self.sp_steps.map_or(0.0, |steps| steps.at(t));
+        let op = self.controller.step(sp, pv);
         let mv = self.valve.step(op + extra(op));
         self.process.step(self.valve_spec.flow(mv) - self.flow0 + at_input);
         self.k += 1;
-        Point { t, op, pv, sp: self.sp, mv }
+        Point { t, op, pv, sp, mv }
     }
 
     /// Changes the set point from the next sample on (%).
@@ -304,6 +325,9 @@ fn check(spec: &LoopSpec) -> Result<(), SpecError> {
         if low <= high { Ok(()) } else { Err(SpecError::Limits { name, low, high }) }
     };
     positive("sample period", spec.ts_s)?;
+    if let Some(steps) = spec.sp_steps {
+        positive("time between two set-point steps", steps.every_s)?;
+    }
     match spec.process.kind {
         FirstOrder { tau_s, .. } | IntegratingLag { tau_s, .. } => positive("time constant", tau_s)?,
         SecondOrder { tau_s, zeta, .. } => {
@@ -369,6 +393,7 @@ mod tests {
             sensor: SensorSpec::default(),
             sp: 40.0,
             sp_schedule: Vec::new(),
+            sp_steps: None,
             ts_s: 1.0,
             op0: 50.0,
             pv0: 40.0,
@@ -397,6 +422,17 @@ mod tests {
         assert_eq!((run.sp[9], run.sp[10]), (40.0, 46.0));
         // The closed loop's slowest time constant is some 5 samples: after 290 only roundings are left.
         assert!((run.pv[299] - 46.0).abs() < 1e-9 && (run.op[299] - 53.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn set_point_steps_go_up_and_down() {
+        let mut spec = flow_loop();
+        spec.sp_steps = Some(SetPointSteps { every_s: 100.0, size: 6.0 });
+        let run = simulate(&spec, 300, 1).expect("valid");
+        assert_eq!([0, 99, 100, 199, 200, 299].map(|k| run.sp[k]), [40.0, 40.0, 46.0, 46.0, 40.0, 40.0]);
+        assert!((run.op[199] - 53.0).abs() < 1e-6 && (run.op[299] - 50.0).abs() < 1e-6);
+        spec.sp_steps = Some(SetPointSteps { every_s: 0.0, size: 6.0 });
+        assert!(matches!(simulate(&spec, 3, 1), Err(SpecError::NotPositive { .. })));
     }
 
     #[test]

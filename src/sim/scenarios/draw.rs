@@ -116,6 +116,7 @@ pub(super) fn draw_loop(rng: &mut Pcg64Mcg, friction: Friction, max_dead: f64) -
         sensor: SensorSpec::default(),
         sp: pv0,
         sp_schedule: Vec::new(),
+        sp_steps: None,
         ts_s,
         op0,
         pv0,

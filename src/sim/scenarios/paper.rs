@@ -48,6 +48,7 @@ pub fn table2_loop(level: bool, friction: Friction) -> LoopSpec {
         sensor: SensorSpec::default(),
         sp: OPERATING_POINT + SP_STEP,
         sp_schedule: Vec::new(),
+        sp_steps: None,
         ts_s,
         op0: OPERATING_POINT,
         pv0: OPERATING_POINT,
