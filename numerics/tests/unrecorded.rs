@@ -10,8 +10,10 @@ mod generators;
 mod parallel;
 
 use acquired::{Loop, Said, draw, judge, scans};
-use stictiond_numerics::signal::Record;
+use stictiond_numerics::signal::{Record, Sample};
 use stictiond_numerics::sim::acquisition::{Acquisition, Poll, acquire};
+use stictiond_numerics::sim::plant::record;
+use stictiond_numerics::sim::{Load, LoadKind, Recording, SetPointSteps, demo_plant};
 
 /// Loops drawn, and their first seed.
 const LOOPS: u64 = 24;
@@ -46,4 +48,38 @@ fn a_sticking_valve_is_not_denied_because_op_tells_of_pv_between_the_samples() {
     }
     // Sound valves are still told so, where their records exclude friction.
     assert!(cleared >= 8 && between >= 4, "{cleared} cleared, {between} told of what OP tells");
+}
+
+/// What is said of a flow loop at every fourth scan, from this one on: a dead band of S, or none, a smooth load that moves OP, and
+/// set-point steps or none.
+fn smooth(seed: u64, from: usize, s: f64, sp_steps: Option<SetPointSteps>) -> Said {
+    let like =
+        |kind: &str| demo_plant(seed).into_iter().find(|own| own.truth.kind == kind).expect("in the plant");
+    let mut spec = like(if s > 0.0 { "dead band only" } else { "sound" }).spec;
+    spec.loads = vec![Load::input(LoadKind::Coloured { sd: 3.0, tau_s: 40.0 })];
+    spec.sp_steps = sp_steps;
+    let run = record(&spec, 8000, seed, Recording::All).expect("valid");
+    let read = |values: &[f64]| -> Vec<Sample> {
+        let each = run.t.iter().zip(values).skip(4000 + from).step_by(4);
+        each.map(|(&t, &value)| Sample::good(t, value)).collect()
+    };
+    let (op, pv, sp) = (read(&run.op), read(&run.pv), Some(read(&run.sp)));
+    let record = Record { op, pv, sp, op_span: Some(100.0), ..Record::default() };
+    let own = Loop { name: String::new(), record, f: 0.5 * s, also: Vec::new(), seed };
+    judge(&own, &own.record)
+}
+
+#[test]
+fn a_smooth_pv_that_op_foretells_denies_no_dead_band_and_set_point_steps_clear_a_sound_valve() {
+    let steps = Some(SetPointSteps { every_s: 300.0, size: 4.0 });
+    let jobs: Vec<(u64, usize)> = (0..8).map(|i| (92_100 + i as u64, i % 4)).collect();
+    let all = parallel::each(&jobs, |(seed, from)| {
+        [(4.0, None), (4.0, steps), (0.0, steps)].map(|(s, steps)| smooth(*seed, *from, s, steps))
+    });
+    for [loads, moved, sound] in &all {
+        // A dead band of 4 %, of which f is 2 %.
+        assert!(loads.verdict != "no_stiction" || loads.covers(2.0), "{}", loads.reason);
+        assert!(moved.verdict != "no_stiction" || moved.covers(2.0), "{}", moved.reason);
+        assert_eq!(sound.verdict, "no_stiction", "{}", sound.reason);
+    }
 }

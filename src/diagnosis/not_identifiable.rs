@@ -287,7 +287,7 @@ impl fmt::Display for NotIdentifiable {
                 };
                 let beside = match unrecorded {
                     true => format!(
-                        ", because {}; if the controller acts between them, read OP and PV at each of its scans",
+                        ", because {}; if the controller acts between them, read OP and PV at each of its scans, or change the set point a few times",
                         beyond_samples()
                     ),
                     false => " beside what else moves PV".to_string(),
@@ -413,7 +413,7 @@ mod tests {
         assert_eq!(
             hidden(Some("0.888 % OP".into()), None, true),
             "hidden friction: friction of any size that was tried, up to S = 0.888 % OP, could be hidden, because OP tells more of PV than \
-             the samples of PV do; if the controller acts between them, read OP and PV at each of its scans; OP never reverses by more \
+             the samples of PV do; if the controller acts between them, read OP and PV at each of its scans, or change the set point a few times; OP never reverses by more \
              than 11.5 % OP"
         );
     }

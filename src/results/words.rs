@@ -222,7 +222,7 @@ impl Verdict<'_> {
                 let why = self.reason.strip_prefix("silent: ").filter(|_| silent).unwrap_or(why);
                 let check = match self.reason.contains(beyond_samples()) {
                     true => {
-                        " If the controller acts between the samples, read OP and PV at each of its scans."
+                        " If the controller acts between the samples, read OP and PV at each of its scans, or change the set point a few times."
                     }
                     false => check,
                 };

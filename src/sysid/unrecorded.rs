@@ -9,10 +9,15 @@
 //! alone leaves little in it. One that acts more often leaves its reaction to PV between the samples, above all in its integral. So
 //! does one that sees PV finer than it is recorded. Such an OP predicts PV without moving it, and better than the stem of any valve.
 //!
-//! The sign tells the two apart, because feedback is negative. Say the gain is positive, and OP rises because PV has fallen between
-//! two samples. The next PV is low then: `d_j` has the sign of `g_0`. Where the valve moves PV, it rises: `d_j` has the other sign.
-//! A process answers late. So the first lags tell of PV, up to the one at which the sum of the `d_j` is farthest in the direction of
-//! `g_0`. Whether they tell at all is tested with one lag of `w`, and with four.
+//! The sign tells the two apart where PV is noisy, because feedback is negative. Say the gain is positive, and OP rises because PV
+//! has fallen between two samples. The next PV is low then: `d_j` has the sign of `g_0`. Where the valve moves PV, it rises: `d_j`
+//! has the other sign. A process answers late. So the first lags tell of PV, up to the one at which the sum of the `d_j` is
+//! farthest in the direction of `g_0`. Whether they tell at all is tested with one lag of `w`, and with four.
+//!
+//! Where PV is smooth, the sign does not tell. PV was low between two samples and is known at the second: it rises, and goes on
+//! rising. There the size tells. If the valve moved PV by `d_1` within one sample, the loop would correct `-d_1 g_0` of an error
+//! within one sample. Beyond 1, it would correct more than the whole error, and soon swing without end. Then the first lag of `w`
+//! is the input.
 
 use super::arx::{LAGS_X, LAGS_Y};
 use super::controller::{FINEST, LAGS as OF_CONTROLLER};
@@ -23,6 +28,10 @@ use super::ols::Ols;
 const LAGS: usize = LAGS_X;
 /// So many first lags are tested by their sum, too: an integral remembers.
 const REMEMBERED: usize = 4;
+
+/// Share of an error of PV that a loop corrects within one sample when it is dead-beat (-): no stable loop corrects twice as much, and
+/// no sensible one more.
+const WHOLE: f64 = 1.0;
 
 /// The lags of OP's innovation that tell of PV, each with one value a row: inputs of PV beside the stem. `None` where none does. An
 /// innovation is 0 where a row that it needs does not count.
@@ -38,9 +47,9 @@ pub fn told_by_op(
     counts: impl Fn(usize) -> bool,
 ) -> Option<Vec<Vec<f64>>> {
     let counts: Vec<bool> = (0..u.len()).map(counts).collect();
-    let (w, reaction) = innovation(u, y, sp, &counts)?;
+    let Controller { w, reaction, gain } = controller(u, y, sp, &counts)?;
     // Where the sign of the gain is known it is taken, because it was tested more strictly; else the sign of this equation.
-    let reaction = gain_sign.map(|gain| -gain).or(reaction)?;
+    let reaction = gain_sign.map(|sign| -sign).or(reaction)?;
     let known = |k: usize| w[k].is_some();
     let rows: Vec<usize> = (LAGS_Y.max(LAGS)..u.len())
         .filter(|k| counts[*k] && (1..=REMEMBERED).all(|lag| known(k - lag)))
@@ -50,27 +59,36 @@ pub fn told_by_op(
     columns.extend((1..=LAGS_Y).map(|lag| lagged(&rows, y, lag)));
     let first = columns.len();
     columns.extend((1..=LAGS).map(|lag| lagged(&rows, &w, lag)));
-    let process = Ols::new(&columns, &lagged(&rows, y, 0))?;
+    let next = lagged(&rows, y, 0);
+    let process = Ols::new(&columns, &next)?;
+    let input = |lag: usize| (0..w.len()).map(|k| w[k.saturating_sub(lag)]).collect();
     let tells = |lags: usize| reaction * process.t(first + lags, first..first + lags) > SIGNIFICANT;
     if !(tells(1) || tells(REMEMBERED)) {
-        return None;
+        // Of a smooth PV.
+        let corrects = -gain * process.theta(first + 1)[first];
+        let shows = process.t(first + 1, first..first + 1).abs() > SIGNIFICANT;
+        return (shows && corrects > WHOLE).then(|| vec![input(1)]);
     }
     let mut sums = vec![0.0];
     for d in &process.theta(columns.len())[first..] {
         sums.push(sums[sums.len() - 1] + reaction * d);
     }
     let lags = (0..sums.len()).max_by(|a, b| sums[*a].total_cmp(&sums[*b]))?;
-    let input = |lag: usize| (0..w.len()).map(|k| w[k.saturating_sub(lag)]).collect();
     (lags > 0).then(|| (1..=lags).map(input).collect())
 }
 
-/// The innovation of OP, where the rows that it needs count, and the sign of the controller's reaction to PV, where that shows.
-fn innovation(
-    u: &[f64],
-    y: &[f64],
-    sp: Option<&[f64]>,
-    counts: &[bool],
-) -> Option<(Vec<Option<f64>>, Option<f64>)> {
+/// The equation of OP.
+struct Controller {
+    /// Innovation of OP, one value a row, where the rows that it needs count.
+    w: Vec<Option<f64>>,
+    /// The sign of the reaction to PV (+1 or -1), where it shows.
+    reaction: Option<f64>,
+    /// The first reaction to PV that is significant, as a gain; 0 where none is.
+    gain: f64,
+}
+
+/// The equation of OP, fitted; `None` where it is exact.
+fn controller(u: &[f64], y: &[f64], sp: Option<&[f64]>, counts: &[bool]) -> Option<Controller> {
     let change: Vec<f64> = (0..u.len()).map(|k| u[k] - u[k.saturating_sub(1)]).collect();
     let [of_pv, of_changes, of_sp] = OF_CONTROLLER;
     let rows: Vec<usize> = (of_changes + 1..u.len())
@@ -82,24 +100,24 @@ fn innovation(
     if let Some(sp) = sp {
         columns.extend((0..of_sp).map(|lag| lagged(&rows, sp, lag)));
     }
-    let controller = Ols::new(&columns, &lagged(&rows, &change, 0))?;
+    let of_op = Ols::new(&columns, &lagged(&rows, &change, 0))?;
     // What is left of an exact controller is the error of arithmetic.
-    if controller.rest(columns.len()) <= FINEST * FINEST * controller.rest(1) {
+    if of_op.rest(columns.len()) <= FINEST * FINEST * of_op.rest(1) {
         return None;
     }
-    let t =
-        |of: std::ops::Range<usize>| Some(controller.t(columns.len(), of)).filter(|t| t.abs() > SIGNIFICANT);
+    let t = |of: std::ops::Range<usize>| Some(of_op.t(columns.len(), of)).filter(|t| t.abs() > SIGNIFICANT);
     // OP of a row may have been written before PV of that row was read.
-    let first = (1..=of_pv).find_map(|column| t(column..column + 1));
+    let first = (1..=of_pv).find(|column| t(*column..column + 1).is_some());
+    let theta = of_op.theta(columns.len());
+    let gain = first.map_or(0.0, |column| theta[column]);
     let integral = t(1..1 + of_pv);
-    let is_plain = |first: &f64| integral.is_none_or(|integral| integral.signum() == first.signum());
-    let theta = controller.theta(columns.len());
+    let is_plain = |_: &usize| integral.is_none_or(|integral| integral.signum() == gain.signum());
     let mut w = vec![None; u.len()];
     for (i, k) in rows.iter().enumerate() {
         let explained: f64 = columns.iter().zip(&theta).map(|(column, theta)| column[i] * theta).sum();
         w[*k] = Some(change[*k] - explained);
     }
-    Some((w, first.filter(is_plain).map(f64::signum)))
+    Some(Controller { w, reaction: first.filter(is_plain).map(|_| gain.signum()), gain })
 }
 
 /// `v` of these rows, so many rows earlier.
@@ -116,6 +134,11 @@ mod tests {
     /// OP, PV and set point of every n-th scan of a PI controller: a lag of some samples with this gain, a valve that sticks with this
     /// f, a load, noise on every scan of PV, and what else moves OP.
     fn record(gain: f64, f: f64, scans: usize, other: f64, seed: u64) -> [Vec<f64>; 3] {
+        noisy(gain, f, scans, other, 0.1, seed)
+    }
+
+    /// The same with this noise of PV.
+    fn noisy(gain: f64, f: f64, scans: usize, other: f64, noisy: f64, seed: u64) -> [Vec<f64>; 3] {
         let mut noise = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(seed));
         let mut draw = || -> f64 { noise.next().unwrap_or(0.0) };
         let per = 1.0 / scans as f64;
@@ -123,7 +146,7 @@ mod tests {
         let mut out = [Vec::new(), Vec::new(), Vec::new()];
         for k in 0..2000 * scans {
             let sp = if k / scans % 600 < 300 { 0.0 } else { 1.0 };
-            let pv: f64 = y + 0.1 * draw();
+            let pv: f64 = y + noisy * draw();
             let error = sp - pv;
             integral += 0.03 * per * error / gain;
             let op: f64 = integral + 0.8 * error / gain + other * draw();
@@ -166,6 +189,20 @@ mod tests {
         let inputs = told_by_op(&u, &y, Some(&sp), Some(1.0), |_| true).expect("it tells");
         assert!((1..LAGS).contains(&inputs.len()), "{}", inputs.len());
         assert_eq!(told_by_op(&u, &y, Some(&sp), Some(-1.0), |_| true), None, "the other gain");
+    }
+
+    #[test]
+    fn op_tells_of_a_smooth_pv_by_its_move_alone() {
+        // Hardly noisy: PV between two samples tells where it goes next.
+        for seed in 1..6 {
+            for (gain, f) in [(2.0, 0.0), (-0.5, 1.2)] {
+                let [u, y, sp] = noisy(gain, f, 4, 0.0, 1e-4, seed);
+                let inputs = told_by_op(&u, &y, Some(&sp), Some(gain), |_| true).expect("it tells");
+                assert_eq!(inputs.len(), 1, "{gain} {f} {seed}");
+                let [u, y, sp] = noisy(gain, f, 1, 0.3, 1e-4, seed);
+                assert_eq!(told_by_op(&u, &y, Some(&sp), Some(gain), |_| true), None, "{gain} {f} {seed}");
+            }
+        }
     }
 
     #[test]
