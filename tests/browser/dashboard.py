@@ -311,9 +311,9 @@ YARDSTICK = """(rows) => {
 def speed(walk):
     """2,000 loops: first paint, all tiles, and some interactions. Times are printed as the reader feels them and judged by what the page itself
     needs: the processor time of its main thread, which does not grow when the machine does something else, beside that of a plain table. The best
-    of five fresh loads."""
+    of eight fresh loads."""
     felt, spent, sizes = {}, {}, None
-    for _ in range(5):
+    for _ in range(8):
         page = walk.open(1920, 1080)
         session = page.context.new_cdp_session(page)
         session.send("Performance.enable", {"timeDomain": "threadTicks"})
