@@ -188,6 +188,8 @@ fn oscillating(spec: &mut LoopSpec, amplitude: f64, period_s: f64) {
 /// More gain than is good: the loop rings on every disturbance.
 fn tight(spec: &mut LoopSpec, factor: f64) {
     spec.controller.gain *= factor;
+    // A high gain makes large moves of OP from small steps.
+    spec.sp_steps = Some(SetPointSteps { size: 2.0, ..SP_STEPS });
     spec.loads.push(Load::input(LoadKind::Coloured { sd: 0.5, tau_s: 20.0 }));
 }
 
