@@ -14,8 +14,8 @@ pub const TS_S: f64 = 0.5;
 /// |Δop| up to this stops a stem (%).
 const RESOLUTION: f64 = 0.005;
 
-/// The set-point steps of loops that OP alone would tell too little of. A controller that acts between two samples tells more of PV
-/// through OP than the samples of PV do, so that loads alone hide friction.
+/// Set-point steps of loops whose loads alone tell too little about the valve: the demo reads every fourth scan only, so that OP
+/// tells more of PV than the samples of PV do.
 const SP_STEPS: SetPointSteps = SetPointSteps { every_s: 300.0, size: 4.0 };
 
 /// What a diagnosis ought to say about a loop.

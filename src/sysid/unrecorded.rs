@@ -15,9 +15,9 @@
 //! farthest in the direction of `g_0`. Whether they tell at all is tested with one lag of `w`, and with four.
 //!
 //! Where PV is smooth, the sign does not tell. PV was low between two samples and is known at the second: it rises, and goes on
-//! rising. There the size tells. If the valve moved PV by `d_1` within one sample, the loop would correct `-d_1 g_0` of an error
-//! within one sample. Beyond 1, it would correct more than the whole error, and soon swing without end. Then the first lag of `w`
-//! is the input.
+//! rising. There the size tells. Say `g` is the first `g_i` that is significant. If the valve moved PV by `d_1` within one sample, the
+//! loop would correct `-d_1 g` of an error within one sample. Beyond 1, it would correct more than the whole error, as no well tuned
+//! loop does. Then the first lag of `w` is the input.
 
 use super::arx::{LAGS_X, LAGS_Y};
 use super::controller::{FINEST, LAGS as OF_CONTROLLER};
@@ -28,10 +28,9 @@ use super::ols::Ols;
 const LAGS: usize = LAGS_X;
 /// So many first lags are tested by their sum, too: an integral remembers.
 const REMEMBERED: usize = 4;
-
-/// Share of an error of PV that a loop corrects within one sample when it is dead-beat (-): no stable loop corrects twice as much, and
-/// no sensible one more.
-const WHOLE: f64 = 1.0;
+/// Share of an error of PV that a dead-beat loop corrects within one sample (-): no well tuned loop corrects more. A process of first
+/// order is unstable at twice as much.
+const DEAD_BEAT: f64 = 1.0;
 
 /// The lags of OP's innovation that tell of PV, each with one value a row: inputs of PV beside the stem. `None` where none does. An
 /// innovation is 0 where a row that it needs does not count.
@@ -67,7 +66,7 @@ pub fn told_by_op(
         // Of a smooth PV.
         let corrects = -gain * process.theta(first + 1)[first];
         let shows = process.t(first + 1, first..first + 1).abs() > SIGNIFICANT;
-        return (shows && corrects > WHOLE).then(|| vec![input(1)]);
+        return (shows && corrects > DEAD_BEAT).then(|| vec![input(1)]);
     }
     let mut sums = vec![0.0];
     for d in &process.theta(columns.len())[first..] {
@@ -111,13 +110,13 @@ fn controller(u: &[f64], y: &[f64], sp: Option<&[f64]>, counts: &[bool]) -> Opti
     let theta = of_op.theta(columns.len());
     let gain = first.map_or(0.0, |column| theta[column]);
     let integral = t(1..1 + of_pv);
-    let is_plain = |_: &usize| integral.is_none_or(|integral| integral.signum() == gain.signum());
+    let is_plain = integral.is_none_or(|integral| integral.signum() == gain.signum());
     let mut w = vec![None; u.len()];
     for (i, k) in rows.iter().enumerate() {
         let explained: f64 = columns.iter().zip(&theta).map(|(column, theta)| column[i] * theta).sum();
         w[*k] = Some(change[*k] - explained);
     }
-    Some(Controller { w, reaction: first.filter(is_plain).map(|_| gain.signum()), gain })
+    Some(Controller { w, reaction: first.filter(|_| is_plain).map(|_| gain.signum()), gain })
 }
 
 /// `v` of these rows, so many rows earlier.
@@ -137,8 +136,8 @@ mod tests {
         noisy(gain, f, scans, other, 0.1, seed)
     }
 
-    /// The same with this noise of PV.
-    fn noisy(gain: f64, f: f64, scans: usize, other: f64, noisy: f64, seed: u64) -> [Vec<f64>; 3] {
+    /// The same with noise of PV of this standard deviation.
+    fn noisy(gain: f64, f: f64, scans: usize, other: f64, sd: f64, seed: u64) -> [Vec<f64>; 3] {
         let mut noise = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(seed));
         let mut draw = || -> f64 { noise.next().unwrap_or(0.0) };
         let per = 1.0 / scans as f64;
@@ -146,7 +145,7 @@ mod tests {
         let mut out = [Vec::new(), Vec::new(), Vec::new()];
         for k in 0..2000 * scans {
             let sp = if k / scans % 600 < 300 { 0.0 } else { 1.0 };
-            let pv: f64 = y + noisy * draw();
+            let pv: f64 = y + sd * draw();
             let error = sp - pv;
             integral += 0.03 * per * error / gain;
             let op: f64 = integral + 0.8 * error / gain + other * draw();
