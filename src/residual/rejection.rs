@@ -118,6 +118,6 @@ mod tests {
         let evidence = Evidence { log_odds: 40.0, held_out: -1.1, beside_friction: false };
         let told = with_rejected(vec![(None, 0.05)], &[(Kind::LoadStep, evidence)]);
         let sum: f64 = told.iter().map(|own| own.1).sum();
-        assert!((sum - 1.0).abs() < 1e-12 && told[0] == (None, 1.0 - 7.0 / 84.0), "{told:?}");
+        assert!((sum - 1.0).abs() < 1e-12 && told[0] == (None, 1.0 - 2.0 / 11.0), "{told:?}");
     }
 }

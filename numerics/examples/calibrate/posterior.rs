@@ -13,6 +13,18 @@ const HELD_OUT: [f64; 4] = [f64::NEG_INFINITY, -1.0, 1.0, f64::INFINITY];
 const LIKELY: [f64; 6] = [1.0, 2.5, 4.0, 5.0, 7.5, 10.0];
 const SPEAKS: [f64; 6] = [0.5, 0.75, 1.0, 1.5, 2.0, 2.5];
 
+/// The rows of the program's table.
+const GROUPS: [&str; 8] = [
+    "changes",
+    "changes beside friction",
+    "slip jumps",
+    "bends",
+    "stops",
+    "stops beside friction",
+    "others",
+    "others beside friction",
+];
+
 /// An effect that was named or rejected.
 struct Weighed {
     kind: Kind,
@@ -29,7 +41,7 @@ pub fn posterior(files: &[PathBuf]) {
     let rows: Vec<Weighed> = text.lines().filter_map(weighed).collect();
     println!("| | log odds | z < -1 | -1 to 1 | from 1 |");
     println!("|---|---|---|---|---|");
-    for group in ["changes", "slip jumps", "bends", "stops", "stops beside friction", "others"] {
+    for group in GROUPS {
         for odds in ODDS.windows(2) {
             let cell = |held_out: &[f64]| {
                 let own = rows.iter().filter(|row| {
@@ -60,6 +72,7 @@ fn cell(row: &Weighed, likely: f64, speaks: f64) -> (&'static str, bool, usize) 
     let said = usize::from(row.held_out >= -speaks) + usize::from(row.held_out >= speaks);
     match group {
         "changes" => (group, true, said),
+        "changes beside friction" => (group, is_likely, said),
         "slip jumps" => (group, is_likely, 0),
         _ if is_likely => (group, true, said),
         _ => (group, false, said.min(1)),
@@ -89,7 +102,9 @@ fn group_of(row: &Weighed) -> &'static str {
         Kind::ValveSaturation => "stops",
         Kind::SlipJump => "slip jumps",
         Kind::StaticNonlinearity => "bends",
+        kind if kind.is_change() && row.sticks => "changes beside friction",
         kind if kind.is_change() => "changes",
+        _ if row.sticks => "others beside friction",
         _ => "others",
     }
 }
