@@ -283,7 +283,8 @@ fn evidence_if_needed(data: &IdData, best: &Fitted) -> Result<Vec<(Evidence, f64
     let each = best.hypothesis.effects.iter().enumerate().map(|(at, effect)| {
         let (without, held_out) = without_effect(data, best, &with, at);
         let gain = best.score - without.score;
-        let told = effect_evidence(data, &best.hypothesis, at, [gain + log_prior(1), held_out]);
+        let over_none = gain + log_prior(1);
+        let told = effect_evidence(data, &best.hypothesis, at, [over_none, over_none, held_out]);
         (told.posterior(effect.kind()), (told, 2.0 * gain))
     });
     let (posteriors, added): (Vec<f64>, Vec<_>) = each.unzip();

@@ -11,6 +11,7 @@
 use super::findings::{Evidence, Kind};
 use super::forward_selection::Comparison;
 use super::held_out::{validate, without_effect};
+use super::posterior::log_prior;
 use super::response::effect_evidence;
 use super::selection::{Selected, SelectionStart, select};
 use super::settings::Settings;
@@ -33,8 +34,10 @@ pub fn select_and_reject(
         let mut posteriors = Vec::new();
         let with = validate(data, &selected.best, data);
         for (at, (evidence, _)) in selected.added.iter_mut().enumerate() {
-            let held_out = without_effect(data, &selected.best, &with, at).1;
-            *evidence = effect_evidence(data, &selected.best.hypothesis, at, [evidence.log_odds, held_out]);
+            let (without, held_out) = without_effect(data, &selected.best, &with, at);
+            let over_none = selected.best.score - without.score + log_prior(1);
+            let told = [evidence.log_odds, over_none, held_out];
+            *evidence = effect_evidence(data, &selected.best.hypothesis, at, told);
             let kind = selected.best.hypothesis.effects[at].kind();
             posteriors.push((evidence.posterior(kind), at, kind));
         }
@@ -115,7 +118,7 @@ mod tests {
 
     #[test]
     fn what_is_left_of_the_candidates_shares_what_rejected_ones_leave() {
-        let evidence = Evidence { log_odds: 40.0, held_out: -1.1, beside_friction: false };
+        let evidence = Evidence { log_odds: 40.0, over_none: 40.0, held_out: -1.1, beside_friction: false };
         let told = with_rejected(vec![(None, 0.05)], &[(Kind::LoadStep, evidence)]);
         let sum: f64 = told.iter().map(|own| own.1).sum();
         assert!((sum - 1.0).abs() < 1e-12 && told[0] == (None, 1.0 - 2.0 / 11.0), "{told:?}");

@@ -28,17 +28,17 @@ pub fn pv_follows_stem(data: &IdData, best: &Fitted) -> bool {
 
 /// The evidence for effect `at`. For a stop beyond which PV follows OP the log odds are minus infinity.
 ///
-/// * `log_odds`: logarithm of its odds on the fitted samples (-).
+/// * `log_odds`, `over_none`: logarithms of its odds on the fitted samples, against all else and against the model without it (-).
 /// * `held_out`: standard deviations by which the held-out samples are likelier with it (-).
 pub fn effect_evidence(
     data: &IdData,
     best: &Hypothesis,
     at: usize,
-    [log_odds, held_out]: [f64; 2],
+    [log_odds, over_none, held_out]: [f64; 3],
 ) -> Evidence {
     let refuted = best.effects[at].kind() == Kind::ValveSaturation && !is_stop(data, best, at);
-    let log_odds = if refuted { f64::NEG_INFINITY } else { log_odds };
-    Evidence { log_odds, held_out, beside_friction: best.valve.is_some() }
+    let [log_odds, over_none] = if refuted { [f64::NEG_INFINITY; 2] } else { [log_odds, over_none] };
+    Evidence { log_odds, over_none, held_out, beside_friction: best.valve.is_some() }
 }
 
 /// Whether the stop that is effect `at` is one: PV follows the stem up to it, and does not follow the part of the stem beyond it.
@@ -121,7 +121,7 @@ mod tests {
             let data = record(0.0, stop, 1.0);
             let stop = Lasting::ValveSaturation { level: 2.0, above: true, held: false };
             let best = Hypothesis { valve: None, effects: restored(&data, &stop).into_iter().collect() };
-            let told = effect_evidence(&data, &best, 0, [7.0, 2.0]);
+            let told = effect_evidence(&data, &best, 0, [7.0, 8.0, 2.0]);
             assert_eq!(told.log_odds == 7.0, stands, "{told:?}");
             assert!(told.held_out == 2.0 && !told.beside_friction);
         }

@@ -61,7 +61,7 @@ pub fn friction_log_odds(table: &Table<'_>, fitted: &[Fitted]) -> f64 {
 pub fn slip_jump_evidence(table: &Table<'_>) -> Evidence {
     let sticks = |d: &Fitted| d.hypothesis.valve.is_some();
     let log_odds = table.log_odds_within(sticks, |d| friction_class(&d.hypothesis) == 2) + log_prior(1);
-    Evidence { log_odds, held_out: 0.0, beside_friction: true }
+    Evidence { log_odds, over_none: log_odds, held_out: 0.0, beside_friction: true }
 }
 
 /// Forward selection with backward elimination. A kind in `rejected` is never added; where it is the likeliest, the selection
@@ -100,7 +100,8 @@ pub fn select(
         };
         // The held-out samples are read after the selection has ended.
         let beside_friction = next.hypothesis.valve.is_some();
-        let evidence = Evidence { log_odds: table.log_odds_of(kind), held_out: 0.0, beside_friction };
+        let evidence =
+            Evidence { log_odds: table.log_odds_of(kind), over_none: 0.0, held_out: 0.0, beside_friction };
         added.push((evidence, 2.0 * (next.score - none.score)));
         let mut keep: Vec<usize> = (0..added.len()).collect();
         let best = eliminate(data, next.clone(), &pool, &mut keep);

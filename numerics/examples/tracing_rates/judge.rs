@@ -98,19 +98,19 @@ impl Judged {
         self.named.iter().map(|(kind, p)| (*p, self.is_there(*kind))).collect()
     }
 
-    /// Each effect that was named or rejected: generator, true effect, seed, kind, log odds, what held-out samples say, whether it
-    /// is there, whether the valve is told to stick beside it, its numbers and the loop in words.
+    /// Each effect that was named or rejected: generator, true effect, seed, kind, log odds against all else and against none, what
+    /// held-out samples say, whether it is there, whether the valve is told to stick beside it, its numbers and the loop in words.
     pub fn evidence_lines(&self) -> Vec<String> {
         let generator = self.name.chars().next().unwrap_or('?');
         let truth = self.case.effect.map_or("clean", Kind::as_str);
-        let line = |(kind, Evidence { log_odds, held_out, beside_friction }, numbers): &(
+        let line = |(kind, Evidence { log_odds, over_none, held_out, beside_friction }, numbers): &(
             Kind,
             Evidence,
             String,
         )| {
             let [there, sticks] = [self.is_there(*kind), *beside_friction].map(u8::from);
             format!(
-                "evidence {generator} {truth} {} {kind} {log_odds:.3} {held_out:.3} {there} {sticks}{numbers} of {}",
+                "evidence {generator} {truth} {} {kind} {log_odds:.3} {over_none:.3} {held_out:.3} {there} {sticks}{numbers} of {}",
                 self.case.seed, self.name
             )
         };
