@@ -158,8 +158,8 @@ impl Described {
 pub struct Evidence {
     /// Logarithm of the odds for its kind against all other kinds and none, on the fitted samples (-).
     pub log_odds: f64,
-    /// Logarithm of the odds for it against the model without it, on the fitted samples (-). Two kinds that describe a record
-    /// alike leave each other odds of little; these are then the odds that one of them is there.
+    /// Logarithm of the odds for it against the model without it, on the fitted samples (-). Where another kind describes the
+    /// record as well, `log_odds` is small, and these odds are not.
     pub over_none: f64,
     /// Standard deviations by which the held-out samples are likelier with it than without it (-).
     pub held_out: f64,

@@ -29,8 +29,9 @@ pub fn probability(log_odds: f64) -> f64 {
 const LIKELY: f64 = 5.0;
 /// Standard deviations from which held-out samples speak for an effect, or against it.
 const SPEAKS: f64 = 1.0;
-/// Logarithm of the odds against none from which a change beside friction counts as likely: below it, one in nine was there. The
-/// odds against all else do not tell, because changes of the load and of the gain are each other's rivals.
+/// Logarithm of the odds against none from which a change beside friction counts as likely: below it, 13 of 101 were there. The
+/// odds against all else do not tell, because changes of the load and of the gain are each other's rivals (`calibrate posterior`
+/// tries other limits).
 const LIKELY_CHANGE: f64 = 10.0;
 /// How many changes at a time were there, of how many, where held-out samples speak against them, say nothing, speak for them:
 /// without friction (however likely), then beside it, unlikely and likely. A valve that is not quite that of the model leaves a

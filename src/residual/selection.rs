@@ -98,7 +98,7 @@ pub fn select(
                 slip_jump: slip_jump_evidence(&left),
             });
         };
-        // The held-out samples are read after the selection has ended.
+        // The odds against none and the held-out samples are read after the selection has ended.
         let beside_friction = next.hypothesis.valve.is_some();
         let evidence =
             Evidence { log_odds: table.log_odds_of(kind), over_none: 0.0, held_out: 0.0, beside_friction };

@@ -16,8 +16,8 @@
 //!
 //! Where PV is smooth, the sign does not tell. PV was low between two samples and is known at the second: it rises, and goes on
 //! rising. There the size tells. Say `g` is the first `g_i` that is significant. If the valve moved PV by `d_1` within one sample, the
-//! loop would correct `-d_1 g` of an error within one sample. Beyond 1, it would correct more than the whole error, as no well tuned
-//! loop does. Then the first lag of `w` is the input.
+//! loop would correct `-d_1 g` of an error within one sample. Beyond 1, it would correct more than the whole error, and PV would turn
+//! at every sample. So the first lag of `w` is the input there.
 
 use super::arx::{LAGS_X, LAGS_Y};
 use super::controller::{FINEST, LAGS as OF_CONTROLLER};
@@ -28,8 +28,9 @@ use super::ols::Ols;
 const LAGS: usize = LAGS_X;
 /// So many first lags are tested by their sum, too: an integral remembers.
 const REMEMBERED: usize = 4;
-/// Share of an error of PV that a dead-beat loop corrects within one sample (-): no well tuned loop corrects more. A process of first
-/// order is unstable at twice as much.
+/// Share of an error of PV that a dead-beat loop corrects within one sample (-). A process `y[k+1] = a y[k] + d_1 u[k]`, a <= 1,
+/// with a controller `u = g y` has the pole `a + d_1 g`. Beyond 1, `-d_1 g > 1 >= a`: the pole is negative, and PV would turn at
+/// every sample instead of being smooth.
 const DEAD_BEAT: f64 = 1.0;
 
 /// The lags of OP's innovation that tell of PV, each with one value a row: inputs of PV beside the stem. `None` where none does. An
