@@ -118,6 +118,8 @@ pub enum NotIdentifiable {
         contradicted: bool,
         /// The largest f that may be there, in words.
         most: String,
+        /// Whether that bound is as large as it is because OP tells of PV beyond its samples.
+        unrecorded: bool,
     },
     /// OP moves, and PV does not respond visibly beside its other influences: a large load, a valve that is always stuck, or a
     /// valve of another loop.
@@ -294,7 +296,7 @@ impl fmt::Display for NotIdentifiable {
                 };
                 write!(out, "hidden friction: {which}{beside}; OP never reverses by more than {reversal}")
             }
-            Self::Undecided { evidence: [evidence, needed], contradicted, most } => {
+            Self::Undecided { evidence: [evidence, needed], contradicted, most, unrecorded } => {
                 let told = beside(*evidence, &[0.0, *needed], 0);
                 let lacks = match (evidence > needed, contradicted) {
                     (false, _) => format!("but with evidence {told} of {needed} only"),
@@ -303,10 +305,12 @@ impl fmt::Display for NotIdentifiable {
                     }
                     (true, false) => format!("evidence {told}, but f may be 0"),
                 };
+                let beside =
+                    if *unrecorded { format!(", because {}", beyond_samples()) } else { String::new() };
                 // Each reversal of OP that is larger than S shows the stem once more.
                 write!(
                     out,
-                    "undecided: friction is likelier than not, {lacks}; f is between 0 and {most}; a record with more or larger reversals of \
+                    "undecided: friction is likelier than not, {lacks}; f is between 0 and {most}{beside}; a record with more or larger reversals of \
                      OP would decide"
                 )
             }
@@ -380,10 +384,11 @@ mod tests {
 
     #[test]
     fn what_an_undecided_record_lacks_is_told() {
-        let of = |evidence: f64, contradicted: bool| {
+        let by = |evidence: f64, contradicted: bool, unrecorded: bool| {
             let (evidence, most) = ([evidence, 20.0], "3.717 % OP".to_string());
-            NotIdentifiable::Undecided { evidence, contradicted, most }.to_string()
+            NotIdentifiable::Undecided { evidence, contradicted, most, unrecorded }.to_string()
         };
+        let of = |evidence: f64, contradicted: bool| by(evidence, contradicted, false);
         let said = |evidence: f64| of(evidence, false);
         let lacks = |told: &str| {
             format!(
@@ -401,6 +406,9 @@ mod tests {
         );
         let against = "evidence 25, but the last fifth of the samples speaks against it; f is between";
         assert!(of(25.3, true).contains(against), "{}", of(25.3, true));
+        let hidden =
+            "f is between 0 and 3.717 % OP, because OP tells more of PV than the samples of PV do; a record";
+        assert!(by(25.3, false, true).contains(hidden), "{}", by(25.3, false, true));
     }
 
     fn hidden(friction: Option<String>, excluded: Option<[String; 2]>, unrecorded: bool) -> String {

@@ -51,7 +51,7 @@ const BENDS: [[[u16; 2]; 3]; 2] = [[[18, 52], [18, 52], [19, 27]], [[13, 18], [9
 /// stands still as one at its stop does, and where friction is not quite that of the model a stop explains the rest.
 const STOPS: [[[u16; 2]; 3]; 2] = [[[0, 1], [13, 14], [13, 14]], [[17, 53]; 3]];
 /// The same of slip jumps, unlikely and likely: held-out samples hardly tell one J from another.
-const SLIP_JUMPS: [[u16; 2]; 2] = [[25, 36], [245, 298]];
+const SLIP_JUMPS: [[u16; 2]; 2] = [[25, 33], [325, 359]];
 
 impl Evidence {
     /// The posterior of an effect (0..1): the share of simulated effects of this kind, with as much evidence, that were there; at
@@ -202,7 +202,7 @@ mod tests {
             "two changes that are alike"
         );
         assert_eq!(posterior(Kind::StaticNonlinearity, 5.0, 1.0), 92.0 / 113.0);
-        assert_eq!(posterior(Kind::SlipJump, 9.0, -40.0), 245.0 / 298.0);
+        assert_eq!(posterior(Kind::SlipJump, 9.0, -40.0), 325.0 / 359.0);
         assert!(posterior(Kind::Drift, -1.0, 3.0) < 0.27, "less likely than not by the odds alone");
         assert_eq!(of(Kind::ValveSaturation, 40.0, 3.0, false), 13.0 / 14.0);
         assert!(posterior(Kind::ValveSaturation, 40.0, 3.0) < 0.5, "a stem that sticks stands still, too");

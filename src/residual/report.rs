@@ -23,10 +23,9 @@ use crate::sysid::iddata::{IdData, Units};
 use crate::sysid::unrecorded::told_by_op;
 use crate::sysid::valve::{Rest, ValveModel};
 
-/// J is another than S where it is told to differ by more than this share of S: no model of a valve holds closer than a tenth,
-/// and J/S is told within another tenth on 48 of 67 valves whose stems have mass
-/// (`tracing_rates --generators C --effects slip_jump --seeds 2 --first-seed 311 --clean 172 --evidence`).
-const APART: f64 = 0.2;
+/// J is told to be another than S where it is estimated to differ by more than this share of S: a valve whose J is S within a tenth
+/// may be estimated so far off, because its stem has mass and its actuator a lag (`calibrate posterior` counts by distance).
+const APART: f64 = 0.4;
 
 /// The outcome of all steps: what a report is made of.
 pub struct Outcome {

@@ -132,7 +132,8 @@ fn friction_that_is_likelier_than_not_is_never_denied() {
     for (log_odds, agrees) in [(0.01, true), (5.0, true), (5.0, false), (10.0, true), (30.0, false)] {
         let answer = answered(&data, &best, log_odds, &sound, agrees);
         let (evidence, most) = ([2.0 * log_odds, 20.0], data.units.along_op(most));
-        let undecided = NotIdentifiable::Undecided { evidence, contradicted: !agrees, most };
+        let undecided =
+            NotIdentifiable::Undecided { evidence, contradicted: !agrees, most, unrecorded: false };
         assert_eq!(answer.verdict, Verdict::NotIdentifiable(undecided.clone()), "{log_odds} {agrees}");
         assert_eq!((answer.reason.as_str(), answer.by_tracing), (undecided.to_string().as_str(), true));
         assert!(!answer.agrees_with(&sound), "the next window is to be searched");

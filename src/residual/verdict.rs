@@ -149,7 +149,7 @@ impl Question<'_> {
             // No valve is tried beyond the largest f.
             let most = data.units.along_op(within[1].min(data.f_max * unit));
             let evidence = [evidence, settings.evidence_threshold];
-            let undecided = NotIdentifiable::Undecided { evidence, contradicted, most };
+            let undecided = NotIdentifiable::Undecided { evidence, contradicted, most, unrecorded: false };
             verdict = Verdict::NotIdentifiable(undecided);
         }
         let sticks = verdict == Verdict::Stiction;
@@ -215,14 +215,16 @@ impl Answer {
     /// Raises the upper end of the interval of f to this f (standard deviations of OP), which the record does not exclude once a model
     /// of a valve knows what OP tells of PV beyond its samples.
     pub fn hides_beyond_samples(&mut self, data: &IdData, f: f64) {
-        let raised = self.friction.f_ci95[1].max(f * data.units.u);
+        let before = self.friction.f_ci95[1];
+        let raised = before.max(f * data.units.u);
         self.friction.f_ci95[1] = raised;
         self.unrecorded = true;
         if let Verdict::NotIdentifiable(NotIdentifiable::Undecided { evidence, contradicted, .. }) =
             self.verdict
         {
             let most = data.units.along_op(raised.min(data.f_max * data.units.u));
-            self.cannot_tell(NotIdentifiable::Undecided { evidence, contradicted, most });
+            let unrecorded = raised > before;
+            self.cannot_tell(NotIdentifiable::Undecided { evidence, contradicted, most, unrecorded });
         }
     }
 

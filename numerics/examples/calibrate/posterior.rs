@@ -14,6 +14,8 @@ const LIKELY: [f64; 6] = [1.0, 2.5, 4.0, 5.0, 7.5, 10.0];
 const SPEAKS: [f64; 6] = [0.5, 0.75, 1.0, 1.5, 2.0, 2.5];
 /// Values tried of the limit of the odds against none, for changes beside friction.
 const LIKELY_CHANGE: [f64; 6] = [5.0, 7.5, 10.0, 12.5, 15.0, 20.0];
+/// Limits of the distance of J/S from 1.
+const APART: [f64; 8] = [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.7, f64::INFINITY];
 /// The program's own limits: of the odds, of what held-out samples say, and of the odds of a change against none.
 const OWN: Limits = Limits { likely: 5.0, speaks: 1.0, likely_change: 10.0 };
 
@@ -81,6 +83,13 @@ pub fn posterior(files: &[PathBuf]) {
     println!("\nthe same for each limit of the log odds of a change beside friction, against none");
     for likely_change in LIKELY_CHANGE {
         println!("{likely_change}: {:.4}", score(&rows, Limits { likely_change, ..OWN }));
+    }
+    println!("\nslip jumps that were there, by how far J/S is told to be from 1");
+    let ratios: Vec<(f64, bool)> = text.lines().filter_map(ratio).collect();
+    for apart in APART.windows(2) {
+        let own = ratios.iter().filter(|own| (apart[0]..apart[1]).contains(&(own.0 - 1.0).abs()));
+        let (there, of) = own.fold((0, 0), |(there, of), own| (there + usize::from(own.1), of + 1));
+        println!("{} to {}: {there} of {of}", apart[0], apart[1]);
     }
 }
 
@@ -151,4 +160,11 @@ fn weighed(line: &str) -> Option<Weighed> {
         there: there == "1",
         sticks: sticks == "1",
     })
+}
+
+/// J/S and whether there is a slip jump, of a line as `ratio C clean 301 0.620 1`.
+fn ratio(line: &str) -> Option<(f64, bool)> {
+    let cells: Vec<&str> = line.split_whitespace().collect();
+    let ["ratio", _, _, _, ratio, there] = cells[..] else { return None };
+    Some((ratio.parse().ok()?, there == "1"))
 }

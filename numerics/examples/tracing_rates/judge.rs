@@ -34,6 +34,8 @@ pub struct Judged {
     pub f_true: f64,
     pub f: f64,
     pub ci: [f64; 2],
+    /// J/S that is estimated with the effects; not a number without friction.
+    pub ratio: f64,
     /// The published posterior of friction.
     pub friction: f64,
     /// Held-out errors one step ahead and free, before and after.
@@ -100,6 +102,7 @@ impl Judged {
 
     /// Each effect that was named or rejected: generator, true effect, seed, kind, log odds against all else and against none, what
     /// held-out samples say, whether it is there, whether the valve is told to stick beside it, its numbers and the loop in words.
+    /// The last line has J/S where it is not 1, and whether there is a slip jump.
     pub fn evidence_lines(&self) -> Vec<String> {
         let generator = self.name.chars().next().unwrap_or('?');
         let truth = self.case.effect.map_or("clean", Kind::as_str);
@@ -114,7 +117,13 @@ impl Judged {
                 self.case.seed, self.name
             )
         };
-        self.weighed.iter().map(line).collect()
+        let mut lines: Vec<String> = self.weighed.iter().map(line).collect();
+        // Whatever J is, as long as it is not S itself.
+        if self.sticks && self.ratio.is_finite() && self.ratio != 1.0 {
+            let there = u8::from(self.is_there(Kind::SlipJump));
+            lines.push(format!("ratio {generator} {truth} {} {:.3} {there}", self.case.seed, self.ratio));
+        }
+        lines
     }
 
     /// The case in a line.
@@ -172,6 +181,7 @@ pub fn judge(generator: &Generator, case: &Case, told: bool) -> Judged {
         f_true: truth.f,
         f: friction.f,
         ci: friction.f_ci95,
+        ratio: 1.0 - friction.lag / friction.f,
         friction: friction.posterior,
         one: read(&|t| [t.before.one_step_rmse, t.after.one_step_rmse]),
         free: read(&|t| [t.before.free_run_rmse, t.after.free_run_rmse]),

@@ -36,7 +36,12 @@ fn reasons() -> [NotIdentifiable; 21] {
             excluded: None,
             unrecorded: false,
         },
-        NotIdentifiable::Undecided { evidence: [17.0, 20.0], contradicted: false, most: "3.7 % OP".into() },
+        NotIdentifiable::Undecided {
+            evidence: [17.0, 20.0],
+            contradicted: false,
+            most: "3.7 % OP".into(),
+            unrecorded: false,
+        },
         NotIdentifiable::Undersampled { samples: 2.2, poll_s: Some(39.0), mean_s: None },
     ]
 }
