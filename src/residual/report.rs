@@ -24,7 +24,8 @@ use crate::sysid::unrecorded::told_by_op;
 use crate::sysid::valve::{Rest, ValveModel};
 
 /// J is told to be another than S where it is estimated to differ by more than this share of S: a valve whose J is S within a tenth
-/// may be estimated so far off, because its stem has mass and its actuator a lag (`calibrate posterior` counts by distance).
+/// may be estimated so far off, because its stem has mass and its actuator a lag. Of slip jumps beyond this distance 361 of 409
+/// were there, beyond 0.3 406 of 475 (`calibrate posterior`).
 const APART: f64 = 0.4;
 
 /// The outcome of all steps: what a report is made of.
